@@ -125,6 +125,20 @@ def test_commands_are_published_only_on_purpose(recording: Path) -> None:
     assert received["/count"] == []
 
 
+def test_live_topics_of_a_robots_stack_are_not_published(recording: Path) -> None:
+    with listening() as (node, received):
+        publisher = node.create_publisher(Int32, "/count", 10)
+        robot = rclpy.create_node("obelisk_robot_0")
+        done = played(node, recording, "--rate", "4")
+        assert done.returncode == 1
+        assert "/count is published by `/listener`" in done.stderr
+        assert received["/count"] == received["/value"] == []
+        done = played(node, recording, "--rate", "4", "--topic", "value")
+        assert done.returncode == 0, done.stderr
+        robot.destroy_node()
+        publisher.destroy()
+
+
 @pytest.mark.parametrize(
     ("words", "reported"),
     [

@@ -90,15 +90,20 @@ def command(
         ),
     ] = None,
     allow_hardware: Annotated[
-        bool, typer.Option("--allow-hardware", help="Also publish topics that command robots.")
+        bool,
+        typer.Option(
+            "--allow-hardware",
+            help="Also publish topics that command robots, or that a running robot's stack uses.",
+        ),
     ] = False,
     domain: DomainOption = None,
     timeout: TimeoutOption = TIMEOUT_S,
 ) -> None:
     """Replay a recording in real time.
 
-    Topics that command a robot are left out unless --allow-hardware is given. If a robot subscribes
-    to one of the other topics, the command exits with an error before publishing.
+    Topics that command a robot are left out unless --allow-hardware is given. If a robot in the ROS
+    domain subscribes to one of the other topics, or a robot is running there and another node
+    publishes one, the command exits with an error before publishing.
 
     With --into, nodes of a config run on the recorded inputs instead, in lockstep and in simulated
     time. Repeating the replay gives bit-identical results. The nodes are isolated: no other process

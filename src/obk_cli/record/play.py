@@ -1,5 +1,6 @@
 """Replay recorded messages at the pace at which they were published."""
 
+import os
 import struct
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -12,18 +13,19 @@ from obelisk_recordings.run import RecordedRun
 from obelisk_spec.runtime_protocol import CLOCK_TOPIC
 from obelisk_spec.suggestions import list_names
 from obk_cli.errors import CommandFailedError
+from obk_cli.ros.graph import UNNAMED, TopicInfo
 
 if TYPE_CHECKING:
     from obk_cli.introspect.target import GraphTarget
     from obk_cli.ros.participant import RosParticipant
     from obk_cli.ros.publisher import RosPublisher
 
-__all__ = ["Played", "command_topics", "inputs_of", "play", "playable_topics"]
+__all__ = ["Played", "command_topics", "inputs_of", "play", "playable_topics", "refuse_live_topic"]
 
 _DEPTH: Final = 1000
 """Queue depth for a slow subscription: one second of a fast topic."""
 _CHECK_S: Final = 1.0
-"""Interval between checks for subscribing robots [s]."""
+"""Interval between checks for robots [s]."""
 _TICK_S: Final = 0.001
 _SILENT_WAIT_S: Final = 1.0
 """How long to wait for nodes before saying so [s]."""
@@ -31,6 +33,8 @@ _QUIET_S: Final = 0.5
 _NS_PER_S: Final = 1_000_000_000
 _COMMANDS: Final = "obelisk_control_msgs/"
 """Messages of this package command robots, whatever the topic's name."""
+_LOGS: Final = ("/rosout", "/parameter_events")
+"""Every node publishes on these topics, and none acts on them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,6 +56,10 @@ def command_topics(run: RecordedRun) -> frozenset[str]:
     planned = inputs_of(run, lambda section: section == "robot")
     typed = {one.topic for one in run.bag.topics if one.msg_type.startswith(_COMMANDS)}
     return frozenset(planned & set(run.topics) | typed)
+
+
+def _is_robot(node: str) -> bool:
+    return "/obelisk_robot_" in node  # of a stack on another host, only names are known
 
 
 def inputs_of(run: RecordedRun, selects: Callable[[object], bool]) -> set[str]:
@@ -119,7 +127,8 @@ def play(
         sets_clock: whether to also publish the recorded time on `/clock`.
 
     Raises:
-        CommandFailedError: a robot in the domain subscribes to a topic, or a type is missing.
+        CommandFailedError: a robot in the domain subscribes to a topic, a topic of its stack is
+            live, or a type is missing.
     """
     from obk_cli.introspect.publishing import refuse_robot_commands
     from obk_cli.ros.participant import OBSERVER_NODE, open_participant
@@ -133,11 +142,15 @@ def play(
             note(f"waiting up to {wait_s:g} s for nodes")
             participant.settle(target.nodes, _QUIET_S, wait_s)
 
-        def refuse_robots() -> None:
-            for topic in () if may_move else types:
-                refuse_robot_commands(participant.topic(topic), target, "--allow-hardware")
+        own = f"/{node}_{os.getpid()}"
 
-        refuse_robots()
+        def refuse_moving() -> None:
+            for name in () if may_move else types:
+                topic = participant.topic(name)
+                refuse_robot_commands(topic, target, "--allow-hardware")
+                refuse_live_topic(topic, target, participant.nodes(), own)
+
+        refuse_moving()
         publishers = {
             topic: RosPublisher(
                 participant, participant.topic(topic), find_type(msg_type), depth=_DEPTH
@@ -155,7 +168,7 @@ def play(
             RosPublisher.until(start + due_s)
             if due_s > checked_s + _CHECK_S:  # a robot may appear at any time
                 checked_s = due_s
-                refuse_robots()
+                refuse_moving()
             publishers[message.topic].publish_bytes(message.data)
             first_ns = message.published_ns if first_ns is None else first_ns
             counts[message.topic] += 1
@@ -163,6 +176,39 @@ def play(
             publisher.rest()
     seconds = time.monotonic() - start
     return Played(counts=counts, first_ns=first_ns or 0, start_ns=start_ns, seconds=seconds)
+
+
+def refuse_live_topic(
+    topic: TopicInfo, target: "GraphTarget", nodes: Collection[str], own: str
+) -> None:
+    """Reject a topic that another node publishes while a robot is running.
+
+    Recorded messages among the live ones, such as an old estimate, would disturb the control loop.
+
+    Args:
+        topic: the topic.
+        target: the ROS domain and its running stacks.
+        nodes: full names of the nodes in the domain.
+        own: full name of the node that replays.
+
+    Raises:
+        CommandFailedError: the topic has another publisher, and a robot is running.
+    """
+    planned = [node for plan in target.plans for node in plan.nodes]
+    has_robot = any(node.section == "robot" for node in planned) or any(map(_is_robot, nodes))
+    if topic.name in _LOGS or not has_robot:
+        return
+    names = [
+        *(one.full_name for one in planned if any(e.topic == topic.name for e in one.publishes)),
+        *(end.node or UNNAMED for end in topic.publishers if end.node != own),
+    ]
+    if names:
+        raise CommandFailedError(
+            f"{topic.name} is published by {list_names([*dict.fromkeys(names)])}, and a robot is "
+            f"running in the ROS domain {target.domain}",
+            help="stop the stack, select other topics with `--topic`, or another domain with "
+            "`--domain`; to publish anyway, add `--allow-hardware`",
+        )
 
 
 class _Ticker:

@@ -3,6 +3,8 @@
 import json
 import struct
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
@@ -10,10 +12,14 @@ from obelisk_recordings.chunks import RecordedMessage, messages_in_order
 from obelisk_recordings.clock import RecordedClock
 from obelisk_recordings.run import RecordedRun, open_run
 from obk_cli.errors import CommandFailedError
+from obk_cli.plan.plan import Endpoint, Plan
 from obk_cli.record.compare import FirstDifference, first_different_message
 from obk_cli.record.mcap_writer import BagWriter
-from obk_cli.record.play import paced, playable_topics
+from obk_cli.record.play import paced, playable_topics, refuse_live_topic
 from obk_cli.record.rewrite import rewrite
+from obk_cli.ros.graph import GraphEndpoint, TopicInfo
+
+from ..plans import node  # noqa: TID252 - shared by folders of tests
 
 PLAN = {
     "processes": [
@@ -157,3 +163,49 @@ def test_only_in_lockstep_must_messages_come_at_the_same_time(
     assert first_different_message(first, first, "/imu") == same
     late = FirstDifference(count=0, at_s=100.0, late_s=0.125)
     assert first_different_message(first, later, "/imu") == (late if is_lockstep else same)
+
+
+NODE, LOOK = "/obelisk_estimation_0", "/obk_look_1"
+
+
+def live(name: str, *publishers: str) -> TopicInfo:
+    ends = tuple(
+        GraphEndpoint(node=node, role="publisher", msg_type="a/msg/B", qos=cast(Any, None))
+        for node in publishers
+    )
+    return TopicInfo(name=name, msg_types=("a/msg/B",), publishers=ends)
+
+
+def domain(*plans: Plan) -> Any:
+    return SimpleNamespace(domain=7, plans=plans)
+
+
+ROBOT_NAME = "/obelisk_robot_0"
+
+
+@pytest.mark.parametrize(
+    ("topic", "nodes", "is_refused"),
+    [
+        (live("/est", NODE, LOOK), (NODE, ROBOT_NAME), True),
+        (live("/est", NODE), (NODE,), False),
+        (live("/est", LOOK), (NODE, ROBOT_NAME), False),
+        (live("/rosout", NODE), (NODE, ROBOT_NAME), False),
+    ],
+)
+def test_a_topic_is_not_replayed_among_live_messages_of_a_robots_stack(
+    topic: TopicInfo, nodes: tuple[str, ...], is_refused: bool
+) -> None:
+    if not is_refused:
+        refuse_live_topic(topic, domain(), nodes, LOOK)
+        return
+    with pytest.raises(CommandFailedError, match=f"/est is published by `{NODE}`") as raised:
+        refuse_live_topic(topic, domain(), nodes, LOOK)
+    assert "--allow-hardware" in str(raised.value.help)
+
+
+def test_publishers_in_the_plan_count_before_they_appear() -> None:
+    robot = node("robot", "robot")
+    est = node("est", "estimation", publishes=(Endpoint(topic="/est", msg_type=None),))
+    with pytest.raises(CommandFailedError, match="/est is published by `/est`"):
+        refuse_live_topic(live("/est"), domain(Plan(name="a", nodes=(robot, est))), (), LOOK)
+    refuse_live_topic(live("/est"), domain(Plan(name="a", nodes=(est,))), (), LOOK)
