@@ -338,10 +338,14 @@ class LocalEngine:
         self, worker: RestartingWorker, results: "queue.SimpleQueue[Row | BaseException]"
     ) -> None:
         try:
-            while self._waiting:
-                results.put(worker.run(self._waiting.popleft()))
-        except IndexError:
-            pass  # another worker took the last one
+            while (case := self._next_case()) is not None:
+                results.put(worker.run(case))
         except BaseException as error:
             results.put(error)
         worker.close()
+
+    def _next_case(self) -> SweepCase | None:
+        try:
+            return self._waiting.popleft()
+        except IndexError:
+            return None
