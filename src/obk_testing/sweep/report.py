@@ -10,6 +10,8 @@ from contextlib import suppress
 from html import escape
 from typing import Final
 
+import numpy as np
+
 from obelisk_spec.suggestions import with_number
 from obk_testing.sweep.summary import PassRate, Result, Summary, duration_text
 
@@ -187,19 +189,29 @@ def _metrics(summary: Summary) -> Iterator[str]:
     cards = []
     for test in summary.tests:
         for name, pairs in summary.metrics(test).items():
-            values = sorted(value for _, value in pairs)
             cards.append(
                 f'<div class="card"><h3>{escape(name)}</h3><p class="dim">{escape(test)}</p>'
-                f"{_histogram(values)}<p>median {_quantile(values, 0.5):.4g}, "
-                f"p95 {_quantile(values, 0.95):.4g}, max {values[-1]:.4g}</p></div>"
+                f"{_distribution([value for _, value in pairs])}</div>"
             )
     if cards:
         yield "<h2>Recorded values</h2>"
         yield f'<div class="grid">{"".join(cards)}</div>'
 
 
-def _quantile(ordered: Sequence[float], share: float) -> float:
-    return ordered[max(0, math.ceil(share * len(ordered)) - 1)]
+def _distribution(values: Sequence[float]) -> str:
+    """Chart and describe the values of a metric; those that are not finite are only counted."""
+    finite = [value for value in values if math.isfinite(value)]
+    missing = sum(map(math.isnan, values))
+    infinite = len(values) - len(finite) - missing
+    parts = []
+    if finite:
+        median, p95 = np.quantile(finite, (0.5, 0.95))
+        parts.append(f"median {median:.4g}, p95 {p95:.4g}, max {max(finite):.4g}")
+    if missing:
+        parts.append(f'<span class="bad">NaN in {with_number(missing, "case")}</span>')
+    if infinite:
+        parts.append(f'<span class="bad">infinite in {with_number(infinite, "case")}</span>')
+    return f"{_histogram(finite) if finite else ''}<p>{', '.join(parts)}</p>"
 
 
 def _worst(summary: Summary) -> Iterator[str]:

@@ -1,9 +1,9 @@
 """Summarize a sweep: pass rates, worst cases and distributions, as text and JSON."""
 
+import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from typing import Any, Final
 
 from obelisk_spec.suggestions import with_number
@@ -87,23 +87,38 @@ class Summary:
         return {name: tuple(results) for name, results in grouped.items()}
 
     def metrics(self, test: str) -> Mapping[str, tuple[tuple[Result, float], ...]]:
-        """Return the numbers that a test recorded: name -> pairs of case and value."""
+        """Return the numbers that a test recorded, also NaN: name -> pairs of case and value."""
         found: dict[str, list[tuple[Result, float]]] = defaultdict(list)
         for result in self.tests[test]:
             for name, value in result.row.metrics.items():
-                if isinstance(value, int | float) and value == value:
+                if isinstance(value, int | float):
                     found[name].append((result, float(value)))
         return {name: tuple(values) for name, values in found.items()}
 
     def worst(self) -> tuple[tuple[Result, str], ...]:
-        """Return bad cases, then those with an extreme of a metric; each with why it is listed."""
-        found = {result.case.key: (result, str(result.row.outcome)) for result in self.bad}
-        found = dict(islice(found.items(), _MOST_WORST))
+        """Return the worst cases, each with why it is listed.
+
+        Of each metric, the first case with NaN or an infinite value, then bad cases, then those
+        with an extreme of a metric.
+        """
+        found: dict[str, tuple[Result, str]] = {}
+        extremes: dict[str, tuple[Result, str]] = {}
         for test in self.tests:
             for name, values in self.metrics(test).items():
-                for end, word in ((max, "largest"), (min, "smallest")):
-                    result = end(values, key=_value)[0]
-                    found.setdefault(result.case.key, (result, f"{word} `{name}`"))
+                odd = [(result, value) for result, value in values if not math.isfinite(value)]
+                for result, value in odd[:1]:
+                    count = with_number(len(odd), "case")
+                    why = f"`{name}` is {value}; NaN or infinite in {count}"
+                    outcome = f"{result.row.outcome}, " if result.row.is_bad else ""
+                    found.setdefault(result.case.key, (result, outcome + why))
+                finite = [pair for pair in values if math.isfinite(pair[1])]
+                for end, word in ((max, "largest"), (min, "smallest")) if finite else ():
+                    result = end(finite, key=_value)[0]
+                    extremes.setdefault(result.case.key, (result, f"{word} `{name}`"))
+        bad = {one.case.key: (one, str(one.row.outcome)) for one in self.bad[:_MOST_WORST]}
+        for others in (bad, extremes):
+            for key, entry in others.items():
+                found.setdefault(key, entry)
         return tuple(found.values())[:_MOST_WORST]
 
     def rerun_command(self, case: SweepCase) -> str:

@@ -1,6 +1,7 @@
 """Reports of a sweep: sums, text, JSON and a page without a network."""
 
 import json
+import math
 from html.parser import HTMLParser
 from typing import Any
 
@@ -65,8 +66,28 @@ def test_bad_cases_are_those_that_failed_or_died() -> None:
 
 def test_the_worst_cases_come_first_then_the_extremes_of_metrics() -> None:
     worst = SOME.worst()
-    assert [each.case.seed for each, _ in worst] == [2, 1, 0]
-    assert [reason for _, reason in worst] == ["died", "failed", "smallest `worst`"]
+    assert [each.case.seed for each, _ in worst] == [4, 2, 1, 0]
+    assert "`worst` is nan" in worst[0][1]
+    assert [reason for _, reason in worst[1:]] == ["died", "failed", "smallest `worst`"]
+
+
+def test_values_that_are_not_finite_are_counted_and_listed() -> None:
+    values = (float("nan"), 1.0, float("inf"), float("nan"), float("-inf"))
+    some = summary(*(result(seed, x=value, y=value) for seed, value in enumerate(values)))
+    page = Page(report_page(some))
+    assert "NaN in 2 cases, infinite in 2 cases" in page.text
+    assert "nan to nan" not in page.text
+    assert [each.case.seed for each, _ in some.worst()] == [0, 1]
+    only = summary(result(0, "failed", x=math.inf))
+    assert "infinite in 1 case" in Page(report_page(only)).text
+    (listed,) = only.worst()
+    assert "failed" in listed[1]
+    assert "`x` is inf" in listed[1]
+
+
+def test_the_median_of_an_even_number_of_values_is_between_them() -> None:
+    some = summary(*(result(seed, x=value) for seed, value in enumerate((1.0, 2.0, 4.0, 8.0))))
+    assert "median 3, p95 7.4, max 8" in Page(report_page(some)).text
 
 
 def test_few_values_have_a_part_each_and_skipped_cases_do_not_count() -> None:
