@@ -1,7 +1,7 @@
 """The messages of a recorded topic as arrays: by field, by joint, with times and units."""
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import Any, Final
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from obelisk_recordings.bag import RecordingError
 from obelisk_recordings.chunks import TopicMessages
-from obelisk_recordings.layout import Bytes, MessageLayout, layout_of, parse_definition
+from obelisk_recordings.layout import Bytes, Column, MessageLayout, layout_of, parse_definition
 from obelisk_spec.suggestions import did_you_mean, list_names
 
 __all__ = ["Array", "MessageTable", "RecordedField", "RecordedSignal", "RecordedTopic"]
@@ -264,8 +264,23 @@ class RecordedTopic:
                 numbers[places, : values.shape[1]] = values
         return numbers
 
-    def signals(self, path: str = "") -> Iterator[RecordedSignal]:
+    def long_arrays(self, most: int) -> dict[str, Column]:
+        """Return the fields with more than `most` numbers, each with its longest column."""
+        found: dict[str, Column] = {}
+        for layout, _, _ in self.tables:
+            for path, column in layout.columns.items():
+                length = column.count or 0
+                is_longest = path not in found or length > (found[path].count or 0)
+                if column.code and length > most and is_longest:
+                    found[path] = column
+        return found
+
+    def signals(self, path: str = "", *, without: Collection[str] = ()) -> Iterator[RecordedSignal]:
         """Yield each number in a field as a signal; without a path, those of all fields.
+
+        Args:
+            path: path of a field, or of an item of an array; empty: all fields.
+            without: fields to leave out.
 
         Raises:
             RecordingError: the messages have no such field, or it contains only strings.
@@ -284,7 +299,7 @@ class RecordedTopic:
             raise RecordingError(f"{where} contains no numbers")
         for one in found:
             columns = [table[0].columns[one] for table in self.tables if one in table[0].columns]
-            if not columns[0].code:
+            if not columns[0].code or one in without:
                 continue  # strings
             if columns[0].count is None:
                 yield RecordedSignal(self, one, None, one)

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from obelisk_recordings.find import find_recording
-from obelisk_spec.suggestions import with_number
+from obelisk_spec.suggestions import list_names, with_number
 from obk_cli.cli.options import (
     FormatOption,
     RunArgument,
@@ -14,6 +14,7 @@ from obk_cli.cli.options import (
     print_json,
     wants_json,
 )
+from obk_cli.errors import CommandFailedError
 from obk_cli.runs.folder import runs_folder
 from obk_cli.terminal import columns_of, escaped, shortened
 
@@ -44,7 +45,8 @@ def command(
     shows the RMS difference and the largest difference since the stack became active. The second
     run is interpolated at the times of the first. A number that only one run has, because the other
     one has NaN or a shorter array, is a difference. For fields that do not differ, only their count
-    is shown. Text is not compared.
+    is shown. An array of more than 32 numbers is one field; if it consists of bytes, such as an
+    image, the command only shows whether all messages are equal. Text and /rosout are not compared.
     """
     is_json = wants_json(format)
 
@@ -62,8 +64,12 @@ def command(
     found = compare_runs(runs[0], runs[1])
     if is_json:
         print_json(asdict(found))
-        return
-    print("\n".join([*_table([_head(found), *_rows(found)]), *_summary(found)]))
+    else:
+        print("\n".join([*_table([_head(found), *_rows(found)]), *_summary(found)]))
+    if empty := [run.name for run in runs if not run.bag.count]:
+        raise CommandFailedError(
+            f"there is nothing to compare: {list_names(empty)} contains no messages"
+        )
 
 
 def difference_lines(found: "RunComparison") -> Iterator[str]:
@@ -118,6 +124,10 @@ def _signal_rows(found: "RunComparison") -> Iterator[_Row]:
                 f"{signal.at_s:.3f}",
             )
 
+    for one in found.byte_arrays:
+        if not one.is_same:
+            yield (f"{one.topic}.{one.field}", "differs", "differs", "", "", "")
+
 
 def _value(value: object) -> str:
     if value is None or value == "":
@@ -139,11 +149,14 @@ def _table(rows: list[_Row]) -> Iterator[str]:
 
 def _summary(found: "RunComparison") -> Iterator[str]:
     differing = sum(1 for one in found.signals if one.differs)
-    equal = len(found.signals) - differing
-    if found.is_same:
-        yield f"no number differs except times: {with_number(equal, 'signal')} compared"
+    differing += sum(1 for one in found.byte_arrays if not one.is_same)
+    count = len(found.signals) + len(found.byte_arrays)
+    if not count:
+        yield "no numbers were compared"
+    elif found.is_same:
+        yield f"no number differs except times: {with_number(count, 'signal')} compared"
     else:
-        yield f"{differing} of {with_number(differing + equal, 'signal')} differ"
+        yield f"{differing} of {with_number(count, 'signal')} differ"
     for topic in found.without_numbers:
         yield f"note: {topic} is not compared, because it contains no numbers"
     if None in found.rejected_commands:

@@ -4,20 +4,23 @@ Times are since the activation of the stack. Each run is read once and in parts,
 of any length need little memory.
 """
 
+import hashlib
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import groupby, zip_longest
+from itertools import zip_longest
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from obelisk_recordings.chunks import messages_in_order
+from obelisk_recordings.layout import PRIMITIVES
 from obelisk_recordings.run import RecordedRun
-from obelisk_recordings.topic import RecordedSignal, RecordedTopic
+from obelisk_recordings.topic import RecordedTopic
 
 __all__ = [
+    "BytesComparison",
     "Difference",
     "FirstDifference",
     "RunComparison",
@@ -36,6 +39,9 @@ _REJECTED: Final = re.compile(r"control rejected: .*?; (\d+) in total")
 """Log message of a robot, at most once per second."""
 _LOG: Final = "launch.log"
 _ROSOUT: Final = "/rosout"
+_MOST_NUMBERS: Final = 32
+"""Maximum length of an array whose numbers are signals of their own; a longer one is one signal."""
+_BYTE: Final = PRIMITIVES["uint8"]
 _Key = tuple[str, int | None]
 
 
@@ -66,7 +72,10 @@ class TopicComparison:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SignalDifference:
-    """One number in both runs, at the times of the first; the second is interpolated."""
+    """One number in both runs, at the times of the first; the second is interpolated.
+
+    All numbers of a long array count as one.
+    """
 
     topic: str
     signal: str
@@ -76,9 +85,9 @@ class SignalDifference:
     at_s: float
     """When the difference is largest [s since activation]."""
     count: int
-    """Number of compared times."""
+    """Number of compared values."""
     missing: tuple[int, int]
-    """Number of times at which only this run has no number, but NaN or a shorter array."""
+    """Number of values that only this run lacks, because of NaN or a shorter array."""
     span: float
     """Maximum minus minimum in the first run, at these times."""
 
@@ -95,6 +104,16 @@ class SignalDifference:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class BytesComparison:
+    """A long array of bytes, such as the pixels of an image."""
+
+    topic: str
+    field: str
+    is_same: bool
+    """Whether the bytes are equal in all messages, in order."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RunComparison:
     """All results of a comparison."""
 
@@ -104,6 +123,7 @@ class RunComparison:
     parameters: tuple[Difference, ...]
     topics: tuple[TopicComparison, ...]
     signals: tuple[SignalDifference, ...]
+    byte_arrays: tuple[BytesComparison, ...]
     without_numbers: tuple[str, ...]
     """Topics with text only, which is not compared."""
     rejected_commands: tuple[int | None, int | None]
@@ -113,7 +133,9 @@ class RunComparison:
     def is_same(self) -> bool:
         """Whether nothing differs except rates and times."""
         same_topics = all(one.same_definition and all(one.msg_type) for one in self.topics)
-        differs = any(one.differs for one in self.signals)
+        differs = any(one.differs for one in self.signals) or not all(
+            one.is_same for one in self.byte_arrays
+        )
         return not (self.versions or self.config or self.parameters or differs) and same_topics
 
 
@@ -125,7 +147,7 @@ def compare_runs(
     Args:
         first: the first run.
         second: the second run.
-        only: topics to compare; None: all.
+        only: topics to compare; None: all except the log.
 
     Raises:
         RecordingError: a recording cannot be read.
@@ -140,6 +162,7 @@ def compare_runs(
         parameters=parameters,
         topics=tuple(one.comparison() for one in topics),
         signals=tuple(row for one in topics for row in one.differences()),
+        byte_arrays=tuple(row for one in topics for row in one.bytes_compared()),
         without_numbers=tuple(one.name for one in topics if one.is_text),
         rejected_commands=(_rejected(first), _rejected(second)),
     )
@@ -260,6 +283,8 @@ class _Topic:
     definitions: list[str] = field(default_factory=lambda: ["", ""])
     done_s: float = -np.inf
     sums: dict[_Key, _Sums] = field(default_factory=dict)
+    hashes: tuple[dict[str, Any], dict[str, Any]] = field(default_factory=lambda: ({}, {}))
+    """Path of a long array of bytes -> hash of its values so far."""
     is_text: bool = False
     """Whether messages of both runs were read, and none contains a number."""
 
@@ -270,12 +295,15 @@ class _Topic:
         self.definitions[place] = part.messages.definition
         if not self.is_in_both or not part.messages.definition:
             return
+        for path, column in part.long_arrays(_MOST_NUMBERS).items():
+            if column.code == _BYTE:
+                _add_to_hash(self.hashes[place].setdefault(path, hashlib.blake2b()), part, path)
         self.waiting[place].append(part)
         firsts, seconds = self.waiting
         if not firsts or not seconds:
             return
         start, end = seconds[0].t[0], min(firsts[-1].t[-1], seconds[-1].t[-1])
-        self.is_text = not self.sums and not _numbers_in([*firsts, *seconds])
+        self.is_text = not (self.sums or any(self.hashes) or _labels_in([*firsts, *seconds]))
         self._compare(max(start, self.done_s), end)
         self.done_s = max(self.done_s, end)
         self._trim()
@@ -290,16 +318,14 @@ class _Topic:
             return
         at = times[0][chosen]
         order = np.argsort(times[1], kind="stable")  # messages are in order of receipt
-        for path, group in groupby(_numbers_in([*firsts, *seconds]), key=lambda one: one.path):
-            signals = list(group)
-            width = 1 + max(one.place or 0 for one in signals)
+        for path, labels in _labels_in([*firsts, *seconds]).items():
             mine, theirs = (
-                _joined([part.matrix(path, width) for part in parts]) for parts in (firsts, seconds)
+                _joined([part.matrix(path, len(labels)) for part in parts])
+                for parts in (firsts, seconds)
             )
             mine, theirs = mine[chosen], theirs[order]
-            for signal in signals:
-                place = signal.place or 0
-                sums = self.sums.setdefault((path, signal.place), _Sums(signal.label, signal.unit))
+            for place, (key, label, unit) in enumerate(labels):
+                sums = self.sums.setdefault(key, _Sums(label, unit))
                 others = _interpolated(at, times[1][order], theirs[:, place])
                 sums.add(at, mine[:, place], others)
 
@@ -337,15 +363,40 @@ class _Topic:
                     span=sums.high - sums.low if sums.count else 0.0,
                 )
 
+    def bytes_compared(self) -> Iterator[BytesComparison]:
+        first, second = ({path: h.digest() for path, h in one.items()} for one in self.hashes)
+        for path in dict.fromkeys((*first, *second)):
+            is_same = first.get(path) == second.get(path)
+            yield BytesComparison(topic=self.name, field=path, is_same=is_same)
 
-def _numbers_in(parts: Sequence[RecordedTopic]) -> list[RecordedSignal]:
-    """All numbers in parts of a topic except times, those of a field together."""
-    found: dict[str, dict[int | None, RecordedSignal]] = {}
+
+def _labels_in(parts: Sequence[RecordedTopic]) -> dict[str, list[tuple[_Key, str, str]]]:
+    """All numbers in parts of a topic except times and long arrays of bytes.
+
+    Returns:
+        Path -> for each number of the field, which signal it belongs to, with label and unit.
+    """
+    found: dict[str, list[tuple[_Key, str, str]]] = {}
     for part in parts:
-        for signal in part.signals() if part.has_numbers else ():
-            if not _is_time(signal):
-                found.setdefault(signal.path, {}).setdefault(signal.place, signal)
-    return [signal for places in found.values() for signal in places.values()]
+        if not part.has_numbers:
+            continue
+        long = part.long_arrays(_MOST_NUMBERS)
+        for path, column in long.items():
+            if column.code != _BYTE and not _STAMP.search(path):
+                length = max(column.count or 0, len(found.get(path, ())))
+                found[path] = [((path, None), path, part.unit(path))] * length
+        for signal in part.signals(without=long):
+            labels = found.setdefault(signal.path, [])
+            if (signal.place or 0) == len(labels) and not _STAMP.search(signal.path):
+                labels.append(((signal.path, signal.place), signal.label, signal.unit))
+    return {path: labels for path, labels in found.items() if labels}
+
+
+def _add_to_hash(value: Any, part: RecordedTopic, path: str) -> None:
+    """Add the bytes of a field, message by message."""
+    for row in part[path]:
+        value.update(len(row).to_bytes(8, "little"))
+        value.update(np.ascontiguousarray(row))
 
 
 def _interpolated(at: Floats, times: Floats, values: Floats) -> Floats:
@@ -357,10 +408,6 @@ def _interpolated(at: Floats, times: Floats, values: Floats) -> Floats:
         is_exact = times[places] == at[unknown]
         found[unknown[is_exact]] = values[places[is_exact]]
     return found
-
-
-def _is_time(signal: RecordedSignal) -> bool:
-    return _STAMP.search(signal.path) is not None
 
 
 def _joined(parts: Sequence[Floats]) -> Floats:
@@ -421,7 +468,7 @@ def _compare_topics(
     topics = {
         name: _Topic(name, name in counts[0] and name in counts[1])
         for name in sorted(counts[0] | counts[1])
-        if only is None or name in only
+        if (name != _ROSOUT if only is None else name in only)
     }
     readers = [run.parts(topics) for run in runs]
     progress = [-np.inf, -np.inf]

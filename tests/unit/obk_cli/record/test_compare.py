@@ -113,6 +113,55 @@ def test_the_numbers_of_a_longer_array_are_missing_in_the_other_run(tmp_path: Pa
         assert absent == [f"w[{place}]" for place in range(missing, 2)]
 
 
+def with_array(path: Path, kind: str, values: list[float], topic: str = "/cam") -> Path:
+    """Three messages with the same array."""
+    with BagWriter(path) as writer:
+        channel = writer.add_topic(topic, "demo_msgs/msg/Array", f"{kind}[] data\n", {})
+        items = np.array(values, {"uint8": "u1", "float32": "f4"}[kind]).tobytes()
+        data = b"\0\1\0\0" + struct.pack("<I", len(values)) + items
+        for number in range(3):
+            writer.add_message(channel, data, number * MS, number * MS, number)
+    return path
+
+
+def test_a_long_array_is_one_signal(tmp_path: Path) -> None:
+    first = with_array(tmp_path / "a.mcap", "float32", [0.0] * 100)
+    second = with_array(tmp_path / "b.mcap", "float32", [*[0.0] * 99, 2.0])
+    (data,) = compared(first, second).signals
+    assert (data.signal, data.count, data.largest) == ("data", 300, 2.0)
+    assert data.rms == pytest.approx(0.2)
+    short = with_array(tmp_path / "c.mcap", "float32", [0.0] * 32)
+    assert len(compared(short, short).signals) == 32
+
+
+def test_long_arrays_of_bytes_are_equal_or_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = with_array(tmp_path / "a.mcap", "uint8", [7] * 5000)
+    second = with_array(tmp_path / "b.mcap", "uint8", [*[7] * 4999, 8])
+    for size in (1, 1 << 24):
+        monkeypatch.setattr("obelisk_recordings.chunks.PART_BYTES", size)
+        found = compared(first, second)
+        assert found.signals == found.without_numbers == ()
+        (data,) = found.byte_arrays
+        assert (data.topic, data.field, data.is_same) == ("/cam", "data", False)
+        assert not found.is_same
+        same = compared(first, first)
+        assert same.is_same
+        assert [one.is_same for one in same.byte_arrays] == [True]
+
+
+def test_the_log_is_not_compared(tmp_path: Path) -> None:
+    paths = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
+    for line, path in enumerate(paths):
+        with BagWriter(path) as writer:
+            channel = writer.add_topic("/rosout", "demo_msgs/Log", "uint32 line\nstring msg\n", {})
+            writer.add_message(channel, b"\0\1\0\0" + struct.pack("<II2s", line, 2, b"a"), 1, 1, 1)
+    found = compared(*paths)
+    assert (found.topics, found.signals) == ((), ())
+    assert found.is_same
+
+
 def test_topics_without_numbers_are_named(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with BagWriter(path) as writer:
@@ -187,6 +236,19 @@ def obk(*words: object) -> int:
     with pytest.raises(SystemExit) as end:
         main([str(word) for word in words])
     return int(end.value.code or 0)
+
+
+def test_recordings_without_messages_are_not_equal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OBK_HOME", str(tmp_path / "home"))
+    empty = written(tmp_path / "empty.mcap", np.sin, count=0)
+    full = written(tmp_path / "full.mcap", np.sin)
+    for first, second in ((empty, empty), (empty, full), (full, empty)):
+        assert obk("diff", first, second) == 1
+        shown = capsys.readouterr()
+        assert "no number differs" not in shown.out
+        assert "`empty`" in shown.err
 
 
 def test_the_command_prints_a_table_or_json(
