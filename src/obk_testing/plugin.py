@@ -42,7 +42,7 @@ from obk_testing.kept_trials import (  # noqa: E402
 from obk_testing.programs import LoadedStack, LoadedStacks  # noqa: E402
 from obk_testing.result import TrialResult  # noqa: E402
 from obk_testing.schedule import BringUp, Schedule, bring_up_times  # noqa: E402
-from obk_testing.summary import TrialRecord, record_of, summary_lines  # noqa: E402
+from obk_testing.summary import TrialRecord, record_of, summary_lines, used_overrides  # noqa: E402
 from obk_testing.trial import StackTrial  # noqa: E402
 
 __all__ = ["StartStack", "trials_of"]
@@ -103,6 +103,8 @@ class _Trials:
     """The trials of one test."""
 
     started: list[StackTrial] = field(default_factory=list)
+    overridden: set[str] = field(default_factory=set)
+    """Paths of `--stack-set` that a trial used."""
     schedules: set[str] = field(default_factory=set)
     """`ideal`, `varied` or `own`."""
     earlier: tuple[TrialResult, ...] = ()
@@ -335,6 +337,7 @@ def stack(request: pytest.FixtureRequest, _stacks: LoadedStacks) -> Iterator[Sta
         if error is not None:
             _fail(error)
         trials.started.append(trial)
+        trials.overridden |= used_overrides(_config_of(request, config)[1], changes)
         trials.schedules.add("own" if given else "varied" if trial.seed else "ideal")
         return trial
 
@@ -503,6 +506,7 @@ def _keep(item: pytest.Item, report: pytest.TestReport, trials: _Trials) -> None
     seeds = [trial.seed for trial in trials.started]
     callspec = getattr(item, "callspec", None)
     seed = callspec.params.get("seed") if callspec is not None else None
+    paths = [setting.partition("=")[0] for setting in config.getoption("stack_set")]
     record = TrialRecord(
         node_id=node_id,
         seed=seed if seed is not None else next(iter(seeds), None),
@@ -514,6 +518,7 @@ def _keep(item: pytest.Item, report: pytest.TestReport, trials: _Trials) -> None
         reason=reason,
         checked=trials.checked if report.passed else "",
         files=tuple(files),
+        unused=tuple(path for path in paths if trials.started and path not in trials.overridden),
     )
     item.user_properties.append(record.as_property())
     report.user_properties.append(record.as_property())

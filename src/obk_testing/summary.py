@@ -6,7 +6,7 @@ Each test stores a `TrialRecord` in its report, as plain data that pytest-xdist 
 import re
 import shlex
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -15,7 +15,15 @@ import msgspec
 from obelisk_spec.suggestions import with_number
 from obk_cli.terminal import plain
 
-__all__ = ["PROPERTY", "TrialRecord", "record_of", "rerun_command", "summary_lines"]
+__all__ = [
+    "PROPERTY",
+    "TrialRecord",
+    "record_of",
+    "rerun_command",
+    "summary_lines",
+    "unused_notes",
+    "used_overrides",
+]
 
 PROPERTY: Final = "obk_trials"
 """Name of the record among the properties of a report."""
@@ -45,6 +53,8 @@ class TrialRecord:
     checked: str = ""
     """What a smoke test checked, one line."""
     files: tuple[str, ...] = ()
+    unused: tuple[str, ...] = ()
+    """Paths of overrides on the command line that no trial used."""
 
     def as_property(self) -> tuple[str, str]:
         """Encode the record as a property of a report."""
@@ -75,6 +85,40 @@ def rerun_command(
         return shlex.join(["pytest", "-p", "obk_testing.plugin", *options, *seeds, node_id])
     settings = (word for setting in overrides for word in ("--set", setting))
     return shlex.join(["obk", "test", config, *settings, *options, "--again", node_id])
+
+
+def used_overrides(settings: Iterable[str], changes: Sequence[str]) -> set[str]:
+    """Return the paths of overrides that a test does not change itself.
+
+    Args:
+        settings: overrides on the command line, `PATH=VALUE`.
+        changes: overrides in the test.
+    """
+    own = tuple(f"{_path(change)}." for change in changes)
+    paths = (setting.partition("=")[0] for setting in settings)
+    return {path for path in paths if not f"{_path(path)}.".startswith(own)}
+
+
+def _path(setting: str) -> str:
+    """Return the path of a setting in one form: `control[0].params.kd[1]` -> `control.params.kd.1`.
+
+    A mapping counts as a list of one.
+    """
+    path = setting.partition("=")[0].replace("[0]", "")
+    return re.sub(r"\[(\d+)\]", r".\1", path)
+
+
+def unused_notes(test: str, unused: Iterable[Sequence[str]]) -> Iterator[str]:
+    """Yield a note on each override that no case of a test used.
+
+    Args:
+        test: name of the test.
+        unused: of each case, the paths that its trials did not use.
+    """
+    cases = [*unused]
+    for path in cases[0] if cases else ():
+        if all(path in case for case in cases):
+            yield f"`{path}` has no effect on {test}: it starts another config, or sets the value"
 
 
 def summary_lines(
@@ -114,6 +158,8 @@ def summary_lines(
         for record in trials:
             if record.outcome == "passed" and record.files:
                 yield f"  kept: {', '.join(record.files)}"
+        unused = (record.unused for record in trials)
+        yield from (f"  note: {plain(note)}" for note in unused_notes(name, unused))
     yield _total(records, duration_s, processes)
 
 

@@ -29,6 +29,7 @@ from obk_cli.errors import (
 from obk_cli.optional_deps import require_extra
 from obk_cli.terminal import visible
 from obk_testing.programs import CompiledStack, compile_stack
+from obk_testing.summary import unused_notes
 from obk_testing.sweep.cases import (
     FoundTest,
     SweepCase,
@@ -258,13 +259,18 @@ def _run(
                 store.clear()
                 store.require_same_inputs(inputs)
             seen = set(store.notes())
+            unused: dict[str, list[Sequence[str]]] = {}
             for placed in engine.map(pending):
                 store.add(by_key[placed.row.key], placed.row)
                 progress.add(is_bad=placed.row.is_bad)
+                unused.setdefault(by_key[placed.row.key].test, []).append(placed.row.unused)
                 if placed.note and placed.note not in seen:
                     seen.add(placed.note)
                     store.add_note(placed.note)
                     progress.note(f"note: {placed.note}")
+            for test, cases_unused in unused.items():
+                for note in unused_notes(test, cases_unused):
+                    store.add_note(note)
     except KeyboardInterrupt:
         return False
     finally:

@@ -105,6 +105,8 @@ class Row:
     seconds: float = 0.0
     """Wall time [s]."""
     worker: str = ""
+    unused: Sequence[str] = ()
+    """Paths of overrides that the case did not use; not stored."""
 
     @property
     def is_bad(self) -> bool:

@@ -28,7 +28,7 @@ from typing import Any, Final, TextIO
 import pytest
 
 from obk_cli.optional_deps import distribution_version
-from obk_testing.summary import PROPERTY
+from obk_testing.summary import PROPERTY, record_of
 from obk_testing.sweep.cases import FoundTest, Row, SweepCase
 
 __all__ = ["Hello", "WorkerSettings", "machine"]
@@ -216,6 +216,7 @@ def _row(case: SweepCase, reports: Sequence[pytest.TestReport], digest: str, sec
     wrong = next((report for report in reports if report.failed), None)
     skipped = next((report for report in reports if report.skipped), None)
     properties = [pair for report in reports for pair in report.user_properties]
+    record = next(filter(None, map(record_of, reports)), None)
     metrics = {name: value for name, value in properties if name != PROPERTY}
     return Row(
         key=case.key,
@@ -225,6 +226,7 @@ def _row(case: SweepCase, reports: Sequence[pytest.TestReport], digest: str, sec
         digest=digest,
         seconds=seconds,
         worker=_worker(),
+        unused=record.unused if record is not None else (),
     )
 
 

@@ -3,7 +3,14 @@
 from collections.abc import Sequence
 from types import SimpleNamespace
 
-from obk_testing.summary import TrialRecord, record_of, rerun_command, summary_lines
+from obk_testing.summary import (
+    TrialRecord,
+    record_of,
+    rerun_command,
+    summary_lines,
+    unused_notes,
+    used_overrides,
+)
 
 
 def record(seed: int, reason: str = "", **changes: object) -> TrialRecord:
@@ -87,3 +94,18 @@ def test_a_record_travels_as_a_property() -> None:
     report = SimpleNamespace(user_properties=[("other", "1"), made.as_property()])
     assert record_of(report) == made
     assert record_of(SimpleNamespace(user_properties=[])) is None
+
+
+def test_an_override_that_no_trial_of_a_test_uses_is_noted() -> None:
+    assert "note:" in lines(*(record(seed, unused=("a.b",)) for seed in range(2)))
+    assert "note:" not in lines(record(0, unused=("a.b",)), record(1))
+    assert [*unused_notes("t", [("a", "b"), ("b",)])] == [*unused_notes("t", [("b",)])]
+
+
+def test_a_test_that_sets_a_value_itself_does_not_use_the_override() -> None:
+    settings = ("control.params.kd[1]=3", "robot.x=2")
+    assert used_overrides(settings, ()) == {"control.params.kd[1]", "robot.x"}
+    for own in ("control.params.kd[1]=4", "control[0].params.kd[1]=4", "control.params={}"):
+        assert used_overrides(settings, (own,)) == {"robot.x"}
+    for other in ("control.params.k=4", "control.params.kd[10]=4", "control.params.kd[1].x=4"):
+        assert len(used_overrides(settings, (other,))) == 2
