@@ -17,7 +17,7 @@ from obk_cli.cli.config_options import (
     valid_plan,
 )
 from obk_cli.cli.options import FormatOption, require_choice, wants_json
-from obk_cli.cli.test import default_tests, lockstep_environment
+from obk_cli.cli.test import SMOKE, default_tests, lockstep_environment
 from obk_cli.compiler import compile_config
 from obk_cli.errors import MisuseError
 from obk_cli.optional_deps import require_extra
@@ -38,8 +38,8 @@ def command(
         str | None,
         typer.Argument(
             metavar="[TEST]",
-            help="Test, such as `tests/test_arm.py::test_push`, or a test file. Default: the "
-            "tests in `tests/` next to the config, otherwise a smoke test.",
+            help="Test, such as `tests/test_arm.py::test_push`, a test file, or `smoke`. Default: "
+            "the tests in `tests/` next to the config, otherwise the smoke test.",
         ),
     ] = None,
     seeds: Annotated[
@@ -85,7 +85,10 @@ def command(
     ] = None,
     output: Annotated[
         str | None,
-        typer.Option(metavar="FOLDER", help="Output folder. Default: build/obk-sweep/NAME."),
+        typer.Option(
+            metavar="FOLDER",
+            help="Output folder. Default: build/obk-sweep/NAME in the current folder.",
+        ),
     ] = None,
     restart: Annotated[
         bool, typer.Option("--restart", help="Remove existing results and run all cases.")
@@ -153,6 +156,8 @@ def _tests(test: str | None, folder: Path) -> list[str]:
     Raises:
         MisuseError: the file does not exist.
     """
+    if test == SMOKE and not Path(test).exists():
+        return []
     if test is None:
         beside = default_tests(folder)
         return [] if beside is None else [str(beside)]

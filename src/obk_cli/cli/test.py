@@ -35,7 +35,7 @@ from obk_cli.files import STANDARD_INPUT
 from obk_cli.optional_deps import require_extra
 from obk_cli.plan.plan import Plan
 
-__all__ = ["EXAMPLE", "command", "default_tests", "lockstep_environment"]
+__all__ = ["EXAMPLE", "SMOKE", "command", "default_tests", "lockstep_environment"]
 
 EXAMPLE = """\b
 Example: obk test my_robot.yaml

@@ -157,7 +157,17 @@ class Varied:
         """Draw one value from each of `count` equal parts of the range, in random order.
 
         The order depends only on the path and the count.
+
+        Raises:
+            MisuseError: the number of values in the range is given.
         """
+        if self.steps is not None:
+            raise MisuseError(
+                f"`--vary {self.path}`: the number of values in a range, `:{self.steps}`, needs "
+                "`--grid`",
+                help=f"add `--grid`, or draw {self.steps} samples with `--seeds {self.steps}` and "
+                "without the number",
+            )
         draw = random.Random(f"obk sweep {self.path} {count}")  # noqa: S311 - not for security
         parts = list(range(count))
         draw.shuffle(parts)

@@ -23,7 +23,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol, Self
 
-from obk_cli.errors import CommandFailedError
+from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.workspace.overlay import overlay_prefixes, with_overlays
 from obk_cli.workspace.package_index import find_workspace
 from obk_testing.sweep.cases import FoundTest, Row, SweepCase
@@ -38,6 +38,8 @@ _START_S: Final = 300.0
 """Limit for a worker to load the stack and to collect the tests [s]."""
 _END_S: Final = 10.0
 """Timeout for a worker to exit after its last case [s]."""
+_NOT_FOUND: Final = "ERROR: not found: "
+"""What pytest prints before the id of a test that does not exist."""
 _ENVIRONMENT: Final = {
     "PYTHONHASHSEED": "0",
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF",
@@ -88,6 +90,7 @@ class WorkerProcess:
 
         Raises:
             CommandFailedError: it cannot collect the tests.
+            MisuseError: a test does not exist.
         """
         self.cases = 0
         self._resources = ExitStack()
@@ -114,7 +117,10 @@ class WorkerProcess:
             settings = WorkerSettings(config=str(config), tests=tuple(tests), parent=os.getpid())
             hello = self._ask(asdict(settings), _START_S)
         except (_WorkerDiedError, _TimeLimitError) as error:
+            _, missing, what = " ".join(self._printed()).rpartition(_NOT_FOUND)
             self.close()
+            if missing:
+                raise MisuseError(f"the test does not exist: {what}") from error
             reason = str(error) or f"it takes longer than {_START_S:g} s"
             raise CommandFailedError(f"a worker of the sweep cannot start: {reason}") from error
         except BaseException:
@@ -191,9 +197,12 @@ class WorkerProcess:
         how = f"exit code {code}"
         if code < 0:
             how = f"signal {-code} ({signal.Signals(-code).name})"
-        self._errors.seek(0)
-        lines = [line.strip() for line in self._errors.read().splitlines() if line.strip()]
+        lines = self._printed()
         return f"{how}: {lines[-1]}" if lines else how
+
+    def _printed(self) -> list[str]:
+        self._errors.seek(0)
+        return [line.strip() for line in self._errors.read().splitlines() if line.strip()]
 
 
 class RestartingWorker:

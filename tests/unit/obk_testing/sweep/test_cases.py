@@ -141,3 +141,8 @@ def test_the_same_path_cannot_be_varied_twice(config: Path) -> None:
     varied = parse_varied("control.params.gain=1..2")
     with pytest.raises(MisuseError, match="twice"):
         with_types_of_config([varied, varied], config, {})
+
+
+def test_the_number_of_values_in_a_range_is_only_for_a_grid() -> None:
+    with pytest.raises(MisuseError, match="--grid"):
+        parse_varied("a=1..2:3").sample(4)
