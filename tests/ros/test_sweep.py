@@ -261,8 +261,34 @@ def test_one_set_of_parameters_is_swept_by_the_name_that_reports_have(config: Pa
     (test,) = json.loads(result.stdout)["tests"]
     assert (test["test"], test["passed"]) == ("tests/test_dummy.py::test_it_stands_delays[2]", 2)
     unknown = obk("sweep", config, "tests/test_dummy.py::test_nothing", "--output", folder)
-    assert unknown.returncode == 1
-    assert "exit code 4" in unknown.stderr
+    assert unknown.returncode == 2
+    assert "test_dummy.py::test_nothing" in unknown.stderr
+
+
+@pytest.mark.slow
+def test_another_config_of_a_test_is_an_input_without_the_varied_values(config: Path) -> None:
+    folder, tests = config.parent / "out", config.parent / "tests"
+    other = config.with_name("other.yaml")
+    shutil.copy(config, other)
+    (tests / "test_dummy.py").write_text(
+        "import helper\n\ndef test_it(stack, seed):\n    helper.start(stack)\n"
+    )
+    helper = tests / "helper.py"
+    helper.write_text('def start(stack):\n    stack("../other.yaml").run(0.01)\n')
+    command = ("sweep", config, "--seeds", "2", "-j", "1", "--output", folder, "--vary")
+    command += (f"{SIGMA}=0.001..0.1", "--format", "json")
+    result = obk(*command)
+    assert result.returncode == 0, result.stderr
+    (note,) = json.loads(result.stdout)["notes"]
+    assert SIGMA in note
+    for path in (other, helper):
+        before = path.read_text()
+        path.write_text(f"{before}# changed\n")
+        changed = obk(*command)
+        assert changed.returncode == 2
+        assert f"{path.name} changed" in changed.stderr
+        path.write_text(before)
+    assert obk(*command).returncode == 0
 
 
 @pytest.mark.slow
@@ -308,6 +334,7 @@ def test_a_case_that_never_ends_fails_and_does_not_stop_the_sweep(config: Path) 
     [
         (("--vary", "control.params.gian=1..2"), "has no `params`"),
         (("--vary", f"{PERIOD}=-1..1"), "has errors"),
+        (("--vary", f"{SIGMA}=1..2:3", "--seeds", "4"), "`--grid`"),
         (("no_tests.py",), "does not exist"),
         (("tests/test_dummy.py::test_without_a_stack",), "`stack`"),
         (("--scheduler", "tcp://127.0.0.1:9"), "--engine dask"),
@@ -454,6 +481,7 @@ def test_a_config_without_tests_is_swept_by_the_smoke_test(config: Path) -> None
     assert result.returncode == 0, result.stderr
     (test,) = json.loads(result.stdout)["tests"]
     assert (test["test"], test["passed"]) == ("smoke", 2)
+    assert obk("sweep", config, "smoke", "--output", folder).returncode == 0
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ REQUEST is a `SweepRequest` as JSON. Exit codes: 0 if all cases passed; 1 if a c
 config has errors; 2 if the request is invalid; 130 if interrupted.
 """
 
+import ast
 import json
 import os
 import shutil
@@ -11,7 +12,7 @@ import signal
 import sys
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NoReturn
@@ -50,6 +51,7 @@ __all__ = ["SweepRequest", "run_sweep"]
 _LINE_S: Final = 10.0
 """Time between two progress lines if they cannot be overwritten [s]."""
 _CODE: Final = frozenset({".py"})
+_CONFIGS: Final = (".yaml", ".yml")
 _MODELS: Final = frozenset({".xml", ".mjcf", ".urdf", ".obj", ".stl", ".msh", ".png"})
 _OF_ANY_RUN: Final = ("cores", "system")
 """Properties of the machine that do not affect the bits of a run."""
@@ -211,12 +213,20 @@ def _require_tests(worker: WorkerProcess, request: SweepRequest) -> tuple[FoundT
     return hello.tests
 
 
-def _inputs(compiled: CompiledStack, tests: Sequence[str]) -> Iterator[Path]:
-    """Yield the files that results depend on."""
+def _inputs(compiled: CompiledStack, modules: Sequence[str]) -> Iterator[Path]:
+    """Yield the files that results depend on, as far as they can be found without running."""
+    yield from _inputs_of_config(compiled)
+    for path in map(Path, modules):
+        yield path
+        yield from (folder / "conftest.py" for folder in path.parents)
+        for config in _named_configs(path):
+            yield config
+            with suppress(ObkError):  # another YAML file, or a config that no test starts
+                yield from _inputs_of_config(compile_stack(config))
+
+
+def _inputs_of_config(compiled: CompiledStack) -> Iterator[Path]:
     yield from files_of_config(compiled.config, dict(os.environ))
-    for name in tests:
-        yield Path(name)
-        yield from (folder / "conftest.py" for folder in Path(name).parents)
     for node in compiled.plan.nodes:
         for value in node.parameters.values():
             if isinstance(value, str) and value.startswith("/"):  # such as `params_path`
@@ -225,6 +235,17 @@ def _inputs(compiled: CompiledStack, tests: Sequence[str]) -> Iterator[Path]:
             yield from _files(source, _CODE)
         if node.model:
             yield from _files(Path(node.model).parent, _MODELS)
+
+
+def _named_configs(module: Path) -> Iterator[Path]:
+    """Yield the files that a module names like `stack("../arm.yaml")`, relative to its folder."""
+    with suppress(OSError, SyntaxError, ValueError):
+        for node in ast.walk(ast.parse(module.read_bytes())):
+            text = node.value if isinstance(node, ast.Constant) else None
+            if isinstance(text, str) and text.endswith(_CONFIGS):
+                path = (module.parent / text).resolve()
+                if path.is_file():
+                    yield path
 
 
 def _files(folder: Path, kinds: Collection[str]) -> Iterator[Path]:

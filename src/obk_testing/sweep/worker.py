@@ -28,6 +28,7 @@ from typing import Any, Final, TextIO
 import pytest
 
 from obk_cli.optional_deps import distribution_version
+from obk_cli.workspace.package_index import find_workspace
 from obk_testing.summary import PROPERTY, record_of
 from obk_testing.sweep.cases import FoundTest, Row, SweepCase
 
@@ -35,6 +36,7 @@ __all__ = ["Hello", "WorkerSettings", "machine"]
 
 _PR_SET_PDEATHSIG: Final = 1
 _SMOKE_TEST: Final = Path(__file__).parents[1] / "smoke.py"
+_INSTALLED: Final = "site-packages"
 _LIBRARIES: Final = ("obelisk-cli", "mujoco", "numpy", "pytest")
 
 
@@ -56,7 +58,7 @@ class Hello:
 
     tests: tuple[FoundTest, ...]
     files: tuple[str, ...]
-    """The modules of the tests."""
+    """The modules of the tests, and the workspace's modules that they import."""
     left_out: int
     """Number of tests that do not use the `stack` fixture."""
     problem: str
@@ -117,7 +119,7 @@ class _CaseLoop:
             }
         hello = Hello(
             tests=tuple(found),
-            files=tuple(sorted({str(item.path) for item in session.items})),
+            files=tuple(sorted(_files_of(session.items, self._config.parent))),
             left_out=len(session.items) - len(found),
             problem="\n".join(self._problems),
             machine=machine(),
@@ -175,6 +177,16 @@ def case_of(data: Mapping[str, Any]) -> SweepCase:
     """Decode a case from JSON."""
     overrides = tuple((path, value) for path, value in data["overrides"])
     return SweepCase(**{**data, "overrides": overrides})
+
+
+def _files_of(items: Sequence[pytest.Item], folder: Path) -> set[str]:
+    """Return the modules of tests, and all imported modules around them and around a folder."""
+    tests = {item.path for item in items}
+    around = {find_workspace(folder), folder, *(path.parent for path in tests)}
+    imported = (getattr(module, "__file__", None) for module in [*sys.modules.values()])
+    paths = {Path(file) for file in imported if file}
+    own = {path for path in paths if not around.isdisjoint(path.parents)}
+    return {str(path) for path in tests | own if _INSTALLED not in path.parts}
 
 
 def _name(test: str) -> str:
