@@ -28,10 +28,14 @@ class RecordedClock:
             one.get(USE_SIM_TIME) for one in parameters if isinstance(one, dict)
         )
         stamps = [*_stamps(run)] if is_simulated else []
-        self._published_ns = np.concatenate([one for one, _ in stamps] or [np.empty(0, np.int64)])
-        order = np.argsort(self._published_ns, kind="stable")
+        published = np.concatenate([one for one, _ in stamps] or [np.empty(0, np.int64)])
         stamped = np.concatenate([one for _, one in stamps] or [np.empty(0, np.int64)])
-        self._published_ns = self._published_ns[order]
+        # In simulated time, which begins near 0, a stamp of today is of a node with another clock.
+        is_early = stamped < published // 2
+        if is_early.any():
+            published, stamped = published[is_early], stamped[is_early]
+        order = np.argsort(published, kind="stable")
+        self._published_ns = published[order]
         self._time_ns = np.maximum.accumulate(stamped[order])
 
     @property
@@ -70,6 +74,6 @@ def _stamps(run: RecordedRun) -> Iterator[tuple[Times, Times]]:
 
 
 def begins_with_header(definition: MessageDefinition) -> bool:
-    """Whether the first field of the messages is their header, and thus their stamp."""
-    fields = next(iter(definition.types.values()), ())
-    return bool(fields) and fields[0].name == "header"
+    """Whether the messages begin with a `std_msgs/Header`, and thus with a stamp."""
+    first = next(iter(definition.types.get(definition.root, ())), None)
+    return first is not None and (first.name, first.kind) == ("header", "std_msgs/Header")

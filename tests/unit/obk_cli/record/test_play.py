@@ -123,6 +123,18 @@ def test_replayed_nodes_have_the_time_of_the_recorded_ones(
     assert back == ([99.5, 100.0, 100.25, 100.5, 102.0] if is_simulated else [0.5, 1, 1.5, 2, 4])
 
 
+def test_stamps_in_wall_time_do_not_move_simulated_time(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    plan = {"processes": [{"node": "est", "parameters": {"use_sim_time": True}}]}
+    with BagWriter(path) as writer:
+        writer.describe({}, {"plan.json": json.dumps(plan)}, 0)
+        for name, stamp_s in (("/imu", 2), ("/joy", 1000)):
+            channel = writer.add_topic(name, "my_msgs/msg/Imu", HEADER, {})
+            data = struct.pack("<4sIIIxxxxd", b"\0\1\0\0", stamp_s, 0, 0, 7.0)
+            writer.add_message(channel, data, 1000 * SECOND, 1000 * SECOND, 0)
+    assert RecordedClock(open_run(path)).time_ns(1000 * SECOND) == 2 * SECOND
+
+
 @pytest.mark.parametrize(
     "processes",
     [None, 1, [1], [{"parameters": 1, "subscribes": 1}], [{"subscribes": [1]}]],
