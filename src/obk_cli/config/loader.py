@@ -315,6 +315,10 @@ class ConfigFiles:
         tree, faults = resolve_variables(parsed.tree, self._variables)
         return tree, parsed.diagnostics + faults
 
+    def whole_path(self, path: str) -> str:
+        """The path from the root, which is the same for `a` and `../folder/a`."""
+        return _normal(str(self._working_folder / path))
+
     def load_shown(self, path: Path) -> LoadedFile:
         """Load a file; findings show its path relative to the working folder."""
         is_near = path.is_relative_to(self._working_folder)
@@ -426,9 +430,10 @@ class _Includes:
         if any(path == open_path for open_path, _ in chain):
             self.faults.append(_cycle(path, span, chain))
             return None
-        if path in self._included:
+        whole = self._files.whole_path(path)
+        if whole in self._included:
             return None  # its entries without an identity would be there twice
-        self._included.add(path)
+        self._included.add(whole)
         if len(self._included) > _MOST_INCLUDED:
             if len(self._included) == _MOST_INCLUDED + 1:
                 self.faults.append(_too_many(written, span))

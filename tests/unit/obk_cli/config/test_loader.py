@@ -58,7 +58,7 @@ def include(texts: Mapping[str, str], path: str) -> tuple[object, list[str]]:
         return texts[name].encode() if name in texts else "file not found"
 
     source = SourceFile.of(path, texts[path])
-    files = ConfigFiles(source, variables={}, working_folder=Path(), read=read)
+    files = ConfigFiles(source, variables={}, working_folder=Path.cwd(), read=read)
     merged, faults = load_config(source, files, ())
     assert merged is not None
     return plain_value(merged), [str(fault) for fault in faults]
@@ -93,6 +93,13 @@ def test_a_file_that_two_others_include_contributes_once() -> None:
     files["top"] = "include: [c, a, c]"
     merged["y"] = merged["z"] = "c"
     assert include(files, "top") == (merged, [])
+
+
+def test_a_file_is_known_by_each_path_to_it() -> None:
+    text = "l: [{pkg: p}]"
+    folder = Path.cwd().name
+    files = {"top": f"include: [c, ../{folder}/c]", "c": text, f"../{folder}/c": text}
+    assert include(files, "top") == ({"l": [{"pkg": "p"}]}, [])
 
 
 def test_a_circle_prints_the_chain() -> None:
