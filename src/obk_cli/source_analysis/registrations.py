@@ -406,6 +406,14 @@ def _attribute_names(function: Function) -> frozenset[str]:
     return frozenset(n.attr for n in ast.walk(function) if isinstance(n, ast.Attribute))
 
 
+def _is_super(node: ast.Attribute) -> bool:
+    """Whether an attribute is one of `super()`."""
+    match node.value:
+        case ast.Call(func=ast.Name(id="super")):
+            return True
+    return False
+
+
 class _Walk:
     def __init__(self, lineage: Lineage, library: ModuleLibrary, *, has_arguments: bool) -> None:
         self._has_arguments = has_arguments
@@ -499,7 +507,7 @@ class _Walk:
         kept: tuple[ast.AST, ...] = ()
         if isinstance(node, ast.Call):
             kept = self._call(node, index, source, scope, is_certain=is_certain)
-        elif isinstance(node, ast.Attribute) and scope.is_self(node.value):
+        elif isinstance(node, ast.Attribute) and (scope.is_self(node.value) or _is_super(node)):
             self._use(node.attr)
             return
         elif scope.is_self(node) and not source.is_of_library:

@@ -237,6 +237,7 @@ def test_the_class_may_be_reexported_from_another_module() -> None:
         "self.register_obk_publisher(**settings)",
         "self.add(names[0])",
         "register = self.register_obk_publisher",
+        "register = super().register_obk_publisher",
         "register_all(self)",
         "other = self",
         "getattr(self, name)('pub_a_setting')",
