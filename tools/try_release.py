@@ -86,7 +86,7 @@ def try_release(dist: Path, lock: Path, environment: Environment) -> None:
     for arguments in LIGHT:
         environment.obk(*arguments)
     output = environment.obk(*LAUNCH, expected=1)
-    if "pip install 'obelisk-cli[ros]'" not in output:
+    if "obelisk-cli[ros]" not in output:
         sys.exit(f"{output}\nwheel: `obk launch` does not name the missing extra")
     environment.pip("install", "--no-deps", "--requirement", lock)
     build = ("wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", dist)

@@ -17,6 +17,7 @@ from obk_cli.errors import CommandFailedError
 __all__ = [
     "distribution_version",
     "distributions_like",
+    "how_to_install_ros",
     "no_ros",
     "require_extra",
     "require_ros",
@@ -56,10 +57,12 @@ def no_ros(why: object) -> CommandFailedError:
     Args:
         why: the reason why ROS 2 cannot be used.
     """
-    return CommandFailedError(
-        f"ROS 2 is not available: {why}",
-        help=f"install it with {_install('ros')} (x86-64), or source a ROS 2 setup file",
-    )
+    return CommandFailedError(f"ROS 2 is not available: {why}", help=how_to_install_ros())
+
+
+def how_to_install_ros() -> str:
+    """The help for anything that needs ROS 2."""
+    return f"install it with {_install('ros')} (x86-64), or source a ROS 2 setup file"
 
 
 def _install(extra: str) -> str:

@@ -8,6 +8,7 @@ import ast
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
+from obelisk_spec.names import OBELISK_MESSAGES, ROS_MESSAGES
 from obelisk_spec.suggestions import ask_for, near_names, sure_name
 from obk_cli.diagnostics.diagnostic import Diagnostic, found
 from obk_cli.diagnostics.source import Span
@@ -26,6 +27,12 @@ EntryFunction = tuple[Module, list[ast.stmt]]
 
 _MOST_MODULES = 500
 """Maximum number of modules of one node that are read for their imports."""
+# Messages need numpy, so every ROS installation has it.
+_OTHERS_OF_ROS = ("ament_index_python", "launch", "launch_ros", "numpy", "rclpy", "tf2_ros")
+_ROS_PACKAGES = frozenset((*OBELISK_MESSAGES, *ROS_MESSAGES, *_OTHERS_OF_ROS))
+_ROS_ENDINGS = ("_msgs", "_srvs", "_interfaces")
+_MESSAGE_MODULES = ("action", "msg", "srv")
+_ROS = "ROS 2"
 _CHANGE_THE_PATH = ("sys.path", "sys.modules", "sys.meta_path", "addsitedir", "import_module")
 
 
@@ -43,6 +50,8 @@ class ImportPlaces:
     """Whether a module belongs to the workspace, so that its imports are checked."""
     message_names: Callable[[str], Sequence[str] | None]
     """The messages of a module such as `sensor_msgs.msg`; None if unknown."""
+    missing_ros: Callable[[], str | None] = lambda: None
+    """How to install ROS 2 if it is not installed at all; otherwise None."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +123,8 @@ def check_imports(
 ) -> Iterator[Diagnostic]:
     """OBK421: every failing import, each missing thing once.
 
+    Without ROS 2, one info stands for all imports of its packages.
+
     Args:
         modules: the result of `imported_modules`.
         function: the entry point's function.
@@ -129,12 +140,36 @@ def check_imports(
             missing = next((p for p in _with_packages(one.module) if not places.may_exist(p)), None)
             if missing is not None and missing not in seen:
                 seen.add(missing)
-                yield _no_module(missing, one, places)
+                install = places.missing_ros() if _is_of_ros(missing, one.module) else None
+                if install is None:
+                    yield _no_module(missing, one, places)
+                elif _ROS not in seen:
+                    seen.add(_ROS)
+                    yield _no_ros(one, install)
             elif missing is None and one.name and dotted not in seen:
                 names = _names_without(one.module, one.name, library, places)
                 if names is not None:
                     seen.add(dotted)
                     yield _no_name(one.module, one.name, names, one.span)
+
+
+def _is_of_ros(missing: str, imported: str) -> bool:
+    """Whether a missing top-level package is one of ROS 2, or a message package."""
+    _, _, submodule = imported.partition(".")
+    is_message = missing.endswith(_ROS_ENDINGS) or submodule in _MESSAGE_MODULES
+    return "." not in missing and (missing in _ROS_PACKAGES or is_message)
+
+
+def _no_ros(one: _Import, install: str) -> Diagnostic:
+    """The message is the same for all modules, so that a config has one such finding."""
+    return found(
+        "OBK421",
+        "ROS 2 is not installed in `obk`'s Python environment, so imports of its packages and of "
+        "message packages are not checked",
+        _module_span(one),
+        severity="info",
+        help=install,
+    )
 
 
 def _names_without(
@@ -163,10 +198,7 @@ def _no_name(module: str, name: str, names: Iterable[str], span: Span) -> Diagno
 
 def _no_module(missing: str, one: _Import, places: ImportPlaces) -> Diagnostic:
     package, _, _ = missing.rpartition(".")
-    start = one.span.source.line(one.span.line).find(one.written)
-    span = one.span
-    if start >= 0 and one.name is not None:
-        span = Span.at(one.span.source, one.span.line, start + 1, len(one.written))
+    span = _module_span(one)
     near = _near(missing, places.siblings(missing))
     if package:
         message = f"package `{package}` has no module `{missing}`"
@@ -179,6 +211,14 @@ def _no_module(missing: str, one: _Import, places: ImportPlaces) -> Diagnostic:
         or "install it there; if the node can run without it, wrap the import in "
         "`try: ... except ImportError: ...`",
     )
+
+
+def _module_span(one: _Import) -> Span:
+    """Location of the module; that of the imported name if they are on different lines."""
+    start = one.span.source.line(one.span.line).find(one.written)
+    if start < 0 or one.name is None:
+        return one.span
+    return Span.at(one.span.source, one.span.line, start + 1, len(one.written))
 
 
 def _near(name: str, known: Iterable[str]) -> str | None:

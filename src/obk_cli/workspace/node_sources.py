@@ -13,6 +13,7 @@ from obelisk_spec.names import OBELISK_MESSAGES
 from obk_cli.config.environment import CodeFault, Command, NodeCode
 from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.source import SourceFile
+from obk_cli.optional_deps import how_to_install_ros
 from obk_cli.source_analysis.entry_point import read_node_code
 from obk_cli.source_analysis.imports import ImportPlaces
 from obk_cli.source_analysis.modules import FoundSource, Module, parse_module
@@ -119,7 +120,12 @@ class NodeSources:
                 and self._find(name, path, installed) is not None
             ),
             message_names=self._message_names,
+            missing_ros=self._missing_ros,
         )
+
+    def _missing_ros(self) -> str | None:
+        """How to install ROS 2; None if this Python or a sourced installation has it."""
+        return None if self._is_installed(_ROS_LIBRARY) else how_to_install_ros()
 
     def _message_names(self, module: str) -> tuple[str, ...] | None:
         """The messages of `<package>.msg`; None if the package's definitions are not found."""

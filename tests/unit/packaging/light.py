@@ -7,12 +7,14 @@ exit code, output and errors of each as JSON.
 import contextlib
 import io
 import json
+import os
 import re
 import sys
 import sysconfig
 from collections.abc import Sequence
 from importlib.machinery import ModuleSpec, PathFinder
 from importlib.metadata import packages_distributions, requires
+from pathlib import Path
 from types import ModuleType
 
 SITE = sysconfig.get_path("purelib")
@@ -54,6 +56,16 @@ class Light:
         return None if is_installed and name not in self._modules else spec
 
 
+def prefix_without_python(prefix: Path) -> str:
+    """Create a prefix with the nodes and shares of this environment, but not its packages."""
+    (prefix / "lib").mkdir(parents=True)
+    (prefix / "share").symlink_to(Path(sys.prefix, "share"))
+    for folder in Path(sys.prefix, "lib").iterdir():
+        if not folder.name.startswith("python"):
+            (prefix / "lib" / folder.name).symlink_to(folder)
+    return str(prefix)
+
+
 def run(arguments: list[str]) -> tuple[object, str, str]:
     from obk_cli.cli.main import main
 
@@ -67,5 +79,7 @@ def run(arguments: list[str]) -> tuple[object, str, str]:
 
 
 if __name__ == "__main__":
+    sys.prefix = prefix_without_python(Path("prefix").absolute())
+    os.environ.pop("AMENT_PREFIX_PATH", None)  # set by the ROS wheels
     sys.meta_path[sys.meta_path.index(PathFinder)] = Light(needed("obelisk-cli"))  # type: ignore[call-overload]
     print(json.dumps([run(line) for line in json.loads(sys.argv[1])]))

@@ -117,8 +117,9 @@ def test_the_document_agrees(repository: Path) -> None:
         assert re.search(rf"`(obk )?{verb}`", dict(rows)[extra]), verb
 
 
-def test_without_mujoco_a_config_is_checked_but_for_its_model(
+def test_a_config_is_checked_but_for_its_model_and_imports_of_ros(
     output: Callable[[str], Result],
 ) -> None:
     _, out, _ = output("validate")
     assert "info[OBK300]: MuJoCo is not installed" in out
+    assert out.count("OBK421") == out.count("info[OBK421]") == 1

@@ -150,7 +150,8 @@ RULES: tuple[Rule, ...] = (
         cause="The package is not installed in `obk`'s Python environment, the module does "
         "not exist, or it does not define the name. Only imports that always run when the "
         "node starts are checked, not those inside `try` or `if` blocks or in functions that may "
-        "not run at startup.",
+        "not run at startup. If ROS 2 is not installed, imports of its packages and of message "
+        "packages are not checked, which one info-level finding reports.",
         fix="Correct the name, or install the package. If the node can run without it, wrap "
         "the import in `try: ... except ImportError: ...`.",
     ),

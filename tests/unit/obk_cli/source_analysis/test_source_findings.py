@@ -3,6 +3,7 @@
 import pytest
 
 from obk_cli.config.environment import CodeFault, NodeFacts, SourceFaults
+from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.source_analysis.entry_point import read_node_code
 from obk_cli.source_analysis.imports import ImportPlaces
 
@@ -21,6 +22,12 @@ INSTALLED = (
 
 def codes(body: str, **modules: str) -> list[str]:
     """The findings of a source, including its imports."""
+    return [finding.code for finding in findings(body, **modules)]
+
+
+def findings(
+    body: str, *, missing_ros: str | None = None, **modules: str
+) -> tuple[Diagnostic, ...]:
     texts = {"m": HEAD + body + TAIL, **modules}
     places = ImportPlaces(
         may_exist=lambda name: (
@@ -30,14 +37,11 @@ def codes(body: str, **modules: str) -> list[str]:
         is_read=lambda _: True,
         is_own=lambda name: name in texts,
         message_names=lambda name: ("Imu", "Joy") if name == "sensor_msgs.msg" else None,
+        missing_ros=lambda: missing_ros,
     )
     found = read_node_code("m", "main", lambda name: load_from(texts, name), places)
     assert isinstance(found, NodeFacts | SourceFaults | CodeFault | None)
-    return (
-        [finding.code for finding in found.findings]
-        if isinstance(found, NodeFacts | SourceFaults)
-        else []
-    )
+    return found.findings if isinstance(found, NodeFacts | SourceFaults) else ()
 
 
 OWN = "class Mine(ObeliskNode):\n    pass\n"
@@ -62,6 +66,20 @@ OWN = "class Mine(ObeliskNode):\n    pass\n"
 )
 def test_certain_failures_are_found_once(body: str, expected: list[str]) -> None:
     assert codes(body, package="kept = 1\n") == expected
+
+
+def test_without_ros_one_info_replaces_the_errors_of_its_imports() -> None:
+    body = (
+        "import rclpy\nimport std_msgs.msg\nfrom lidar_msgs.msg import Turn\nimport tf2_ros\n"
+        "from lidar.srv import Start\nimport nowhere\n" + OWN
+    )
+    found = findings(body, missing_ros="install it")
+    assert [(finding.code, finding.severity) for finding in found] == [
+        ("OBK421", "info"),
+        ("OBK421", "error"),
+    ]
+    assert found[0].help == "install it"
+    assert [finding.severity for finding in findings(body)] == ["error"] * 6
 
 
 @pytest.mark.parametrize(
