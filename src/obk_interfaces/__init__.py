@@ -13,6 +13,7 @@ from obk_interfaces.errors import (
     DefinitionProblem,
     DependencyError,
     InterfaceError,
+    NoRosError,
     PackageError,
 )
 from obk_interfaces.package import (
@@ -38,6 +39,7 @@ __all__ = [
     "Interface",
     "InterfaceError",
     "InterfacePackage",
+    "NoRosError",
     "PackageError",
     "Prefixes",
     "Progress",

@@ -14,6 +14,7 @@ __all__ = [
     "DefinitionProblem",
     "DependencyError",
     "InterfaceError",
+    "NoRosError",
     "PackageError",
 ]
 
@@ -55,7 +56,19 @@ class DefinitionError(InterfaceError):
 
 
 class BuildToolError(InterfaceError):
-    """The compiler, the Python headers or the ROS 2 generators are not installed."""
+    """The compiler, the Python headers or the ROS 2 generators are not installed.
+
+    `fix` is a command that installs them; empty if `sentence` says what to do.
+    """
+
+    def __init__(self, sentence: str, *, fix: str = "") -> None:
+        super().__init__(f"{sentence}: {fix}" if fix else sentence)
+        self.sentence = sentence
+        self.fix = fix
+
+
+class NoRosError(BuildToolError):
+    """The ROS 2 generators are not installed."""
 
 
 class CommandError(InterfaceError):

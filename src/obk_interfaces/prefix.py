@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from obk_interfaces.errors import BuildToolError
+from obk_interfaces.errors import BuildToolError, NoRosError
 from obk_interfaces.package import C_GENERATORS, KINDS, InterfacePackage, PackageTree, read_depends
 
 __all__ = [
@@ -91,14 +91,14 @@ def find_ros_prefix() -> Path:
     environment if ROS 2 is sourced.
 
     Raises:
-        BuildToolError: the generators cannot be imported or have no templates.
+        NoRosError: the generators cannot be imported.
+        BuildToolError: they have no templates.
     """
     spec = importlib.util.find_spec("rosidl_generator_c")
     if spec is None or spec.origin is None:
-        raise BuildToolError(
-            f"the ROS 2 message generators are not importable by {sys.executable}: install the ROS "
-            "wheels (pip install 'obelisk-cli[ros]') or source a ROS 2 installation "
-            "(. /opt/ros/jazzy/setup.sh)"
+        raise NoRosError(
+            f"{sys.executable} cannot import the ROS 2 message generators, because ROS 2 is "
+            "neither installed there nor sourced"
         )
     origin = Path(spec.origin)
     for prefix in origin.parents:

@@ -236,7 +236,7 @@ def _numpy_include() -> Path:
     try:
         numpy = importlib.import_module("numpy")
     except ImportError as error:
-        raise BuildToolError("numpy is not installed: pip install 'numpy>=2'") from error
+        raise BuildToolError("numpy is not installed", fix="pip install 'numpy>=2'") from error
     return Path(numpy.get_include())
 
 

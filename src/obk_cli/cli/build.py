@@ -15,6 +15,7 @@ from obelisk_spec.suggestions import list_names
 from obk_cli.cli.config_options import ColourOption, wants_colour
 from obk_cli.cli.options import FormatOption, wants_json
 from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.optional_deps import no_ros
 from obk_cli.plan.plan import Plan
 from obk_cli.process.signals import accept_interrupt
 from obk_cli.ros.environment import RosEnvironment
@@ -35,6 +36,7 @@ from obk_interfaces import (
     DefinitionError,
     DefinitionProblem,
     InterfaceError,
+    NoRosError,
     Progress,
 )
 
@@ -210,6 +212,8 @@ def _as_command_error(*, colour: bool) -> Iterator[None]:
         if error.output:
             print(error.output.rstrip(), end="\n\n", file=sys.stderr)
         raise CommandFailedError(f"{error.sentence}; the overlay is unchanged") from error
+    except NoRosError as error:
+        raise no_ros(error) from error
     except InterfaceError as error:
         raise CommandFailedError(str(error)) from error
     except OSError as error:

@@ -15,6 +15,7 @@ from obk_cli.cli.schema import SCHEMA_PATH
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import resource_folder
 from obk_cli.install_source import read_install_source
+from obk_cli.optional_deps import require_extra
 from obk_cli.scaffold.compose import Composition, check_stack, compose_workspace
 from obk_cli.scaffold.describe import file_lines, opening_line, unified_diff
 from obk_cli.scaffold.kinds import Problem, check_name
@@ -99,6 +100,7 @@ def command(
 
 
 def _copy_model(path: Path, stack: str) -> "ModelCopy":
+    require_extra("mujoco", "sim")
     from obk_cli.workspace.model_files import copy_model  # imports MuJoCo and numpy
 
     return copy_model(path, stack)

@@ -222,7 +222,9 @@ def command(
         )
         from obk_cli.launch.process_groups import share_of
         from obk_cli.launch.run import run_plan
+        from obk_cli.optional_deps import require_ros
 
+        require_ros()
         outcome = compile_config(config, make_options(set_, ignore))
         plan = with_log_level(valid_plan(outcome, color), log_level)
         require_devices(plan, device, lead)

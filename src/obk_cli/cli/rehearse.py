@@ -31,6 +31,7 @@ from obk_cli.faultinject.verdict import Verdict
 from obk_cli.launch.event_lines import short_name
 from obk_cli.launch.options import require_libraries
 from obk_cli.launch.process_groups import Unit, share_of, units_of
+from obk_cli.optional_deps import require_ros
 from obk_cli.plan.plan import OnCrash, Plan
 from obk_cli.runs.registry import select_nodes
 
@@ -86,6 +87,7 @@ def command(
         raise MisuseError("`obk rehearse` starts the stack more than once, so it needs a file")
     require_choice("--on-crash", on_crash, get_args(OnCrash))
     faults = _faults(fault)
+    require_ros()
     outcome = compile_config(config, make_options(set_, ignore))
     plan = valid_plan(outcome, color)
     assert outcome.config is not None  # a plan exists only if a config does

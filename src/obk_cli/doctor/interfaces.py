@@ -122,7 +122,7 @@ def probe_compiler() -> CompilerFacts:
     try:
         tools = find_toolchain()
     except BuildToolError as missing:
-        return CompilerFacts(commands=(), fault=str(missing), fix=_fix())
+        return CompilerFacts(commands=(), fault=missing.sentence, fix=missing.fix or _fix())
     commands = (" ".join(tools.cc), " ".join(tools.cxx))
     with tempfile.TemporaryDirectory(prefix="obk-doctor-") as folder:
         return CompilerFacts(commands=commands, fault=_fault(tools, Path(folder)), fix=_fix())

@@ -20,7 +20,6 @@ from obelisk_spec.suggestions import list_names
 from obk_cli.config.environment import ModelFault, ModelRead
 from obk_cli.errors import CommandFailedError
 from obk_cli.files import explain_os_error
-from obk_cli.optional_deps import require_extra
 from obk_cli.scaffold.robot_model import RobotModel, sensor_groups, supplement
 from obk_cli.scaffold.templates import RenderedFile
 from obk_cli.workspace.hold import find_hold
@@ -56,7 +55,6 @@ def copy_model(path: Path, stack: str) -> ModelCopy:
     Raises:
         CommandFailedError: the file is not a model, or cannot be simulated or copied.
     """
-    require_extra("mujoco", "sim")
     root = _parsed(path)
     _refuse_xacro(path, root)
     with tempfile.TemporaryDirectory(prefix="obk-model-") as name:

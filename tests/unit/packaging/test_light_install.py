@@ -20,7 +20,6 @@ LIGHT = {
     "validate": ["my_robot/my_robot.yaml"],
     "compile": ["my_robot/my_robot.yaml"],
     "graph": ["my_robot/my_robot.yaml"],
-    "build": ["--workspace", "my_robot"],
     "ps": [],
     "stop": [],
     "logs": [],
@@ -32,8 +31,9 @@ LIGHT = {
 }
 """Command -> arguments with which it needs no extra, in this order."""
 NEEDS = {
-    "launch": ("ros", ["my_robot/my_robot.yaml"]),
-    "rehearse": ("ros", ["my_robot/my_robot.yaml"]),
+    "build": ("ros", ["--workspace", "messages"]),
+    "launch": ("ros", ["no_file.yaml"]),
+    "rehearse": ("ros", ["no_file.yaml"]),
     "lifecycle": ("ros", ["get"]),
     "topic": ("ros", ["list"]),
     "node": ("ros", ["list"]),
@@ -53,6 +53,8 @@ NEEDS = {
 """Command -> the extra that it needs first, and arguments."""
 FAILS_WITHOUT_A_RUN = {"stop", "logs"}
 
+MODEL = ["init", "with_model", "--model", "robot.xml"]
+
 Result = tuple[int, str, str]
 
 
@@ -60,7 +62,13 @@ Result = tuple[int, str, str]
 def output(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Result]:
     """Command -> its exit code, output and errors, all from one process."""
     reported = {**LIGHT, **{verb: arguments for verb, (_, arguments) in NEEDS.items()}}
+    lines = [*([verb, *arguments] for verb, arguments in reported.items()), MODEL]
     folder = tmp_path_factory.mktemp("light")
+    package = folder / "messages" / "src" / "my_msgs"
+    (package / "msg").mkdir(parents=True)
+    (package / "msg" / "Turn.msg").write_text("float64 angle\n")
+    manifest = "<package><name>my_msgs</name><version>1.0.0</version></package>"
+    (package / "package.xml").write_text(manifest)
     environment = {
         **{name: os.environ[name] for name in ("PATH", "XDG_CACHE_HOME")},
         "HOME": str(folder),
@@ -70,7 +78,7 @@ def output(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Result]:
         [
             sys.executable,
             Path(__file__).with_name("light.py"),
-            json.dumps([[verb, *arguments] for verb, arguments in reported.items()]),
+            json.dumps(lines),
         ],
         cwd=folder,
         env=environment,
@@ -78,7 +86,7 @@ def output(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Result]:
         text=True,
         check=True,
     )
-    results = dict(zip(reported, json.loads(done.stdout), strict=True))
+    results = dict(zip((*reported, "model"), json.loads(done.stdout), strict=True))
     return results.__getitem__
 
 
@@ -103,6 +111,12 @@ def test_a_command_that_needs_one_reports_which_and_how(
     assert (code, out) == (1, "")
     assert err.startswith("error: ")
     assert f"help: install it with `{install_command(extra)}`" in err
+
+
+def test_a_model_needs_the_simulator(output: Callable[[str], Result]) -> None:
+    code, out, err = output("model")
+    assert (code, out) == (1, "")
+    assert f"help: install it with `{install_command('sim')}`" in err
 
 
 def test_the_document_agrees(repository: Path) -> None:

@@ -58,6 +58,11 @@ def test_a_compiler_that_the_user_chose_and_that_fails_is_to_be_unset(
         assert facts.fix == "unset CC"
 
 
+def test_a_missing_numpy_is_not_fixed_with_a_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "numpy", None)
+    assert "numpy" in probe_compiler().fix
+
+
 def test_an_invalid_domain_is_reported_by_discovery_too(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
