@@ -16,6 +16,7 @@ __all__ = [
     "EXIT_INTERRUPTED",
     "EXIT_MISUSE",
     "CommandFailedError",
+    "CommandInterruptedError",
     "MisuseError",
     "ObkError",
     "pythonpath_shadow",
@@ -43,6 +44,12 @@ class MisuseError(ObkError):
     """The command line is invalid: an option's value or a combination of options."""
 
     exit_code = EXIT_MISUSE
+
+
+class CommandInterruptedError(ObkError):
+    """Ctrl-C stopped a command that has to say what it leaves behind."""
+
+    exit_code = EXIT_INTERRUPTED
 
 
 class CommandFailedError(ObkError):

@@ -15,6 +15,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
+from types import FrameType
 from typing import Any, Final, NoReturn, Protocol
 
 # Before the first import of rclpy and numpy: hides the nodes from other processes, and makes the
@@ -30,6 +31,11 @@ from obelisk_py.core.lockstep.interception import intercepted  # noqa: E402
 from obelisk_py.core.lockstep.scheduler import LockstepError  # noqa: E402
 from obk_cli.errors import CommandFailedError  # noqa: E402
 from obk_cli.plan.plan import Plan  # noqa: E402
+from obk_cli.process.signals import (  # noqa: E402
+    accept_interrupt,
+    insist_on_interrupt,
+    release_interrupts,
+)
 from obk_cli.workspace.overlay import import_from, overlay_prefixes  # noqa: E402
 from obk_cli.workspace.package_index import PackageIndex  # noqa: E402
 from obk_testing.kept_trials import (  # noqa: E402
@@ -202,6 +208,29 @@ def _import_from_workspace(folder: Path) -> None:
     packages = PackageIndex.around(folder, folder, os.environ)
     sys.path[:0] = [str(path) for path in packages.source_packages.values()]
     import_from(overlay_prefixes(packages.workspaces))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Stop the tests on Ctrl-C, which `obk test` holds back until pytest can handle it."""
+    config = session.config
+    if not config.getoption("end_file") or hasattr(config, "workerinput"):
+        return
+    config.stash[_SESSION].patches.enter_context(insist_on_interrupt())
+    interrupt = signal.getsignal(signal.SIGINT)
+    assert callable(interrupt)
+
+    def interrupt_once(number: int, frame: FrameType | None) -> None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # on a second one, `obk test` kills us
+        interrupt(number, frame)
+
+    signal.signal(signal.SIGINT, interrupt_once)
+    release_interrupts()
+
+
+def pytest_keyboard_interrupt() -> None:
+    """Do not interrupt the end of the session again."""
+    accept_interrupt()
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

@@ -161,7 +161,7 @@ def test_an_interrupt_leaves_the_overlay_unchanged(workspace: Path) -> None:
         assert process.stderr.readline().startswith("generated")
         process.send_signal(signal.SIGINT)
         rest = process.stderr.read()
-    assert process.returncode == 1
+    assert process.returncode == 130
     assert "interrupted" in rest
     assert overlay.resolve() == before
     assert [f.name for f in overlay.parent.glob("overlay-*")] == [before.name]
@@ -230,7 +230,7 @@ def test_a_launch_that_is_interrupted_while_it_builds_starts_nothing(workspace: 
     with started(config) as launch:
         launch.wait_for_line("generated")
         launch.process.send_signal(signal.SIGINT)
-        assert launch.process.wait(60) == 1
+        assert launch.process.wait(60) == 130
     assert launch.lines[-1].startswith("error: interrupted")
     assert "starting" not in launch.text
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from obk_cli.process.signals import hold_interrupts
 from obk_testing.programs import LoadedStacks
 from obk_testing.sweep.cases import FoundTest, SweepCase, make_cases
 from obk_testing.sweep.engines import LocalEngine, WorkerProcess
@@ -497,3 +498,32 @@ def test_the_command_of_the_report_repeats_a_case(config: Path) -> None:
     assert again.returncode == 1
     (recording,) = config.parent.rglob("*.mcap")
     assert failed["digest"].encode() in recording.read_bytes()
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        ("obk_testing.sweep", '{"config": "no.yaml"}'),
+        ("pytest", "-p", "obk_testing.plugin", "--end-file", "ended", "-p", "no:cacheprovider"),
+    ],
+    ids=["sweep", "test"],
+)
+def test_an_interrupt_while_a_program_starts_ends_it_quietly(
+    program: tuple[str, ...], tmp_path: Path
+) -> None:
+    def interrupted() -> None:
+        hold_interrupts()
+        os.kill(os.getpid(), signal.SIGINT)
+
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", *program],
+        cwd=tmp_path,
+        preexec_fn=interrupted,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
+    assert "Traceback" not in done.stdout
+    interrupted_code = pytest.ExitCode.INTERRUPTED if program[0] == "pytest" else 130
+    assert done.returncode == interrupted_code

@@ -14,7 +14,7 @@ import typer
 from obelisk_spec.suggestions import list_names
 from obk_cli.cli.config_options import ColourOption, wants_colour
 from obk_cli.cli.options import FormatOption, wants_json
-from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.errors import CommandFailedError, CommandInterruptedError, MisuseError
 from obk_cli.optional_deps import no_ros
 from obk_cli.plan.plan import Plan
 from obk_cli.process.signals import accept_interrupt
@@ -189,8 +189,8 @@ def build_shown(workspace: Path, options: BuildOptions, *, colour: bool) -> Buil
     """Build a workspace, with the progress on stderr.
 
     Raises:
-        CommandFailedError: the build failed or was interrupted; invalid definitions are printed on
-            stderr.
+        CommandFailedError: the build failed; invalid definitions are printed on stderr.
+        CommandInterruptedError: Ctrl-C was pressed.
     """
     is_terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
     with _as_command_error(colour=colour), showing_progress(is_terminal=is_terminal) as show:
@@ -220,7 +220,7 @@ def _as_command_error(*, colour: bool) -> Iterator[None]:
         raise CommandFailedError(f"the overlay cannot be written: {error}") from error
     except KeyboardInterrupt as error:
         accept_interrupt()
-        raise CommandFailedError("interrupted; the overlay is unchanged") from error
+        raise CommandInterruptedError("interrupted; the overlay is unchanged") from error
 
 
 def _note(sentence: str) -> None:

@@ -21,6 +21,7 @@ from obk_cli.cli.test import SMOKE, default_tests, lockstep_environment
 from obk_cli.compiler import compile_config
 from obk_cli.errors import MisuseError
 from obk_cli.optional_deps import require_extra
+from obk_cli.process.signals import hold_interrupts
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -146,6 +147,7 @@ def command(
     sys.stdout.flush()
     sys.stderr.flush()
     # Replaces this process, which must not import the test library.
+    hold_interrupts()
     command = [sys.executable, "-P", "-m", "obk_testing.sweep", json.dumps(request)]
     os.execve(sys.executable, command, dict(environment))  # noqa: S606 - without a shell
 

@@ -220,7 +220,7 @@ def _run_pytest(arguments: Sequence[str], environment: Mapping[str, str]) -> int
         end_file = Path(scratch, "end")
         options = ["--end-file", str(end_file)]
         words = [sys.executable, "-m", "pytest", *options, *arguments]
-        code = run_in_foreground(words, variables)
+        code = run_in_foreground(words, variables, releases_interrupts=True)
         has_ended = end_file.exists()
     if code is None:
         return EXIT_INTERRUPTED

@@ -102,7 +102,9 @@ def _binding() -> list[str]:
     return [sys.executable, "-I", "-S", str(Path(__file__)), str(os.getpid())]
 
 
-def run_in_foreground(command: Sequence[str], environment: Mapping[str, str]) -> int | None:
+def run_in_foreground(
+    command: Sequence[str], environment: Mapping[str, str], *, releases_interrupts: bool = False
+) -> int | None:
     """Run a program in this terminal until it ends.
 
     Ctrl-C and other signals that terminate this process interrupt the program; a second one kills
@@ -111,11 +113,17 @@ def run_in_foreground(command: Sequence[str], environment: Mapping[str, str]) ->
     Args:
         command: the program and its arguments.
         environment: its complete environment.
+        releases_interrupts: whether the program calls `release_interrupts` when it can handle
+            Ctrl-C; until then it is held back.
 
     Returns:
         Its exit code, negative for the signal that killed it; None if it was interrupted.
     """
-    from obk_cli.process.signals import handle_end_signals
+    from obk_cli.process.signals import (
+        handle_end_signals,
+        hold_interrupts,
+        release_interrupts,
+    )
 
     received_s: list[float] = []
 
@@ -127,7 +135,10 @@ def run_in_foreground(command: Sequence[str], environment: Mapping[str, str]) ->
             child.send_signal(signal.SIGINT)  # the terminal also sends Ctrl-C to the program
 
     bound = [*_binding(), *command]
+    if releases_interrupts:
+        hold_interrupts()
     with subprocess.Popen(bound, env=dict(environment)) as child, handle_end_signals(end):
+        release_interrupts()
         exit_code = child.wait()
     return None if received_s else exit_code
 

@@ -15,8 +15,10 @@ from typing import Final, NoReturn
 __all__ = [
     "accept_interrupt",
     "handle_end_signals",
+    "hold_interrupts",
     "insist_on_interrupt",
     "is_interrupted",
+    "release_interrupts",
     "until_interrupt",
 ]
 
@@ -54,6 +56,23 @@ def insist_on_interrupt() -> Iterator[None]:
         accept_interrupt()
         signal.signal(signal.SIGINT, before)
         sys.unraisablehook = report
+
+
+def hold_interrupts() -> None:
+    """Hold Ctrl-C back until `release_interrupts`, also in programs that this process starts.
+
+    Python cannot handle Ctrl-C without a traceback while it imports the first modules of a program.
+    """
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+
+
+def release_interrupts() -> None:
+    """Undo `hold_interrupts`, also of the program that started this one.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C was pressed in the meantime.
+    """
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 @contextmanager

@@ -28,6 +28,7 @@ from obk_cli.errors import (
     ObkError,
 )
 from obk_cli.optional_deps import require_extra
+from obk_cli.process.signals import accept_interrupt, insist_on_interrupt, release_interrupts
 from obk_cli.terminal import visible
 from obk_testing.programs import CompiledStack, compile_stack
 from obk_testing.summary import unused_notes
@@ -293,6 +294,7 @@ def _run(
                 for note in unused_notes(test, cases_unused):
                     store.add_note(note)
     except KeyboardInterrupt:
+        accept_interrupt()
         return False
     finally:
         progress.end()
@@ -345,7 +347,9 @@ def _terminated_as_interrupted() -> Iterator[None]:
 def main() -> None:
     """Run the sweep in the command-line argument."""
     try:
-        sys.exit(run_sweep(SweepRequest(**json.loads(sys.argv[1]))))
+        with insist_on_interrupt():
+            release_interrupts()  # held by `obk sweep`
+            sys.exit(run_sweep(SweepRequest(**json.loads(sys.argv[1]))))
     except ObkError as error:
         text = f"error: {error.message}" + (f"\n  help: {error.help}" if error.help else "")
         print("\n".join(map(visible, text.split("\n"))), file=sys.stderr)

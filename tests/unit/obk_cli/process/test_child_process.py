@@ -75,6 +75,34 @@ def test_a_signal_interrupts_the_program_in_the_foreground(tmp_path: Path) -> No
     assert (tmp_path / "started.end").exists()
 
 
+HOLDING = """
+import sys, time
+from pathlib import Path
+from obk_cli.process.signals import release_interrupts
+open(sys.argv[1], "w").close()
+while not Path(sys.argv[1] + ".sent").exists():
+    time.sleep(0.01)
+try:
+    release_interrupts()
+except KeyboardInterrupt:
+    open(sys.argv[1] + ".end", "w").close()
+"""
+
+
+def test_an_interrupt_is_held_back_until_the_program_can_handle_it(tmp_path: Path) -> None:
+    started = tmp_path / "started"
+
+    def end() -> None:
+        eventually(started.exists, "the start of the program")
+        os.kill(os.getpid(), signal.SIGINT)
+        (tmp_path / "started.sent").touch()
+
+    threading.Thread(target=end).start()
+    program = [sys.executable, "-c", HOLDING, str(started)]
+    assert run_in_foreground(program, os.environ, releases_interrupts=True) is None
+    assert (tmp_path / "started.end").exists()
+
+
 STARTER = """
 import os, sys, time
 from obk_cli.process.child_process import BoundChild, run_in_foreground
