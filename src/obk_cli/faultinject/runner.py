@@ -25,8 +25,9 @@ from obk_cli.faultinject.verdict import (
     incompleteness,
     verdict_of,
 )
+from obk_cli.files import explain_os_error
 from obk_cli.launch.events import AnswersAgain, Ended, Phase
-from obk_cli.runs.folder import make_run_folder, run_folders
+from obk_cli.runs.folder import WRITABLE_HOME, make_run_folder, run_folders
 from obk_cli.runs.lifecycle import ACTIVE
 from obk_cli.runs.registry import live_folders
 
@@ -232,7 +233,9 @@ def make_rehearsal_folder(parent: Path, name: str) -> Path:
         home = make_run_folder(parent, name, local_time())
     except OSError as error:
         raise CommandFailedError(
-            f"cannot create the folder for the logs of a rehearsal: {error}"
+            f"the folder for the logs of the rehearsal cannot be created in {parent}: "
+            f"{explain_os_error(error)}",
+            help=WRITABLE_HOME,
         ) from error
     for old in run_folders(parent)[KEPT:]:
         if not live_folders(old / "runs"):

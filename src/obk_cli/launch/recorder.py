@@ -62,10 +62,7 @@ class Recorder:
 
     def commands(self, environment: Mapping[str, str]) -> Mapping[str, NodeCommand]:
         """The command of the recorder; empty if nothing is recorded."""
-        if self._request is None:
-            return {}
-        if self._folder is None:
-            self._output.note("warning: nothing is recorded, because the run has no folder")
+        if self._request is None or self._folder is None:
             return {}
         path = self._folder / "recording.json"
         try:

@@ -19,7 +19,7 @@ from obelisk_recordings.find import RECORDING
 from obk_cli.clock import local_time, wall_s
 from obk_cli.emit.json import emit_plan
 from obk_cli.errors import CommandFailedError, ObkError
-from obk_cli.files import is_within_untrusted
+from obk_cli.files import explain_os_error, is_within_untrusted
 from obk_cli.launch.events import Ended
 from obk_cli.launch.options import KEPT_RUNS, LaunchOptions
 from obk_cli.optional_deps import run_versions
@@ -27,6 +27,7 @@ from obk_cli.plan.plan import Plan
 from obk_cli.process.identity import boot_id, this_process
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.runs.folder import (
+    WRITABLE_HOME,
     Run,
     RunOrigin,
     make_run_folder,
@@ -56,14 +57,17 @@ class RunLock:
 
     run: Run
     folder: Path | None
-    fault: OSError | None = None
-    """Why the run has no folder; None if it has one."""
+    fault: str = ""
+    """Why the run has no folder; empty if it has one."""
     ended: Ended | None = None
 
     def report(self, output: "Output") -> None:
         """Report where the logs are, or why no logs are written."""
-        if self.fault is not None:
-            output.unwritable(self.fault)
+        if self.fault:
+            output.note(
+                f"warning: {self.fault}: no logs are kept, and `obk ps`, `stop` and `logs` cannot "
+                f"find this run; {WRITABLE_HOME}"
+            )
         else:
             output.note(f"{self.run.name}: logs in {self.folder}")
 
@@ -75,13 +79,14 @@ def locked_run(
     """Inside the `with` block, this launch owns its node names on this machine.
 
     Raises:
-        CommandFailedError: the stack or one of its nodes is already running.
+        CommandFailedError: the stack or one of its nodes is already running, or nothing can be
+            recorded because the run has no folder.
     """
     run = _run(plan, environment, options)
-    folder, fault = None, None
+    parent, folder, fault = runs_folder(environment.variables), None, ""
     try:
         folder = claim_run(
-            runs_folder(environment.variables),
+            parent,
             run,
             local_time(),
             made_from=RunOrigin(plan=emit_plan(plan), versions=run_versions()),
@@ -89,7 +94,10 @@ def locked_run(
             replace_other=options.replaces,
         )
     except OSError as error:
-        fault = error
+        fault = f"the run folder cannot be created in {parent} ({explain_os_error(error)})"
+        if options.recording is not None:
+            message = f"nothing can be recorded: {fault}"
+            raise CommandFailedError(message, help=WRITABLE_HOME) from error
     lock = RunLock(run=run, folder=folder, fault=fault)
     if folder is None:
         yield lock

@@ -19,6 +19,7 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.plan.plan import Plan, PlannedNode
 
 __all__ = [
+    "WRITABLE_HOME",
     "Run",
     "RunOrigin",
     "config_of",
@@ -104,6 +105,10 @@ def runs_folder(environment: Mapping[str, str]) -> Path:
             "no folder for runs: this user has no home directory", help="set HOME, or OBK_HOME"
         )
     return folder
+
+
+WRITABLE_HOME: Final = "set OBK_HOME to a writable folder"
+"""The help for a run folder that cannot be created."""
 
 
 def make_run_folder(parent: Path, name: str, now: datetime) -> Path:

@@ -76,8 +76,9 @@ def test_ten_rehearsals_keep_their_logs(tmp_path: Path) -> None:
 
 def test_without_a_log_folder_nothing_is_rehearsed(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(CommandFailedError, match="logs of a rehearsal"):
+    with pytest.raises(CommandFailedError, match="cannot be created") as raised:
         make_rehearsal_folder(tmp_path / "file", "s")
+    assert "OBK_HOME" in str(raised.value.help)
 
 
 def stopped(*processes: psutil.Process) -> int:

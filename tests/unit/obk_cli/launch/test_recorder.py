@@ -135,10 +135,3 @@ def test_a_recorder_that_dies_is_reported_and_the_stack_continues(tmp_path: Path
     assert not world.processes.signals
     (line,) = world.screen.lines
     assert line.startswith("warning: the recorder stopped: the process exited with code 1: no sp")
-
-
-def test_without_a_run_folder_it_is_reported_that_nothing_is_recorded() -> None:
-    world = World(RecordRequest(), None)
-    world.start()
-    assert not world.processes.started
-    assert world.screen.lines == ["warning: nothing is recorded, because the run has no folder"]

@@ -23,6 +23,7 @@ from obk_cli.launch.process_groups import Share
 from obk_cli.launch.run_lock import claim_run, locked_run
 from obk_cli.plan.plan import Plan
 from obk_cli.process.identity import boot_id, start_s, this_process
+from obk_cli.record.recorder_job import RecordRequest
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.runs.folder import Run, RunOrigin, make_run_folder, read_run, run_folders, write_run
 from obk_cli.runs.registry import is_alive, live_runs
@@ -275,3 +276,25 @@ def test_the_reason_why_a_run_could_not_start_is_in_its_folder(tmp_path: Path) -
     assert (reported["exit_code"], reported["cause"]) == (1, "another node moves the robot")
     assert reported["ended"] is not None
     assert (folder / "launch.log").read_text() == "failed: another node moves the robot\n"
+
+
+def test_a_run_without_a_folder_warns_of_what_follows(tmp_path: Path) -> None:
+    (tmp_path / "runs").touch()
+    environment = RosEnvironment(variables={"OBK_HOME": str(tmp_path)}, range="LOCALHOST", notes=())
+    shown = Shown()
+    with (
+        locked_run(PLAN, environment, OPTIONS) as lock,
+        Output(lock.folder, shown, LaunchReport((), colour=False, quiet=False), ()) as output,
+    ):
+        lock.report(output)
+    assert lock.folder is None
+    assert "OBK_HOME" in str(shown.lines)
+
+
+def test_a_run_without_a_folder_is_not_recorded_silently(tmp_path: Path) -> None:
+    (tmp_path / "runs").touch()
+    environment = RosEnvironment(variables={"OBK_HOME": str(tmp_path)}, range="LOCALHOST", notes=())
+    options = replace(OPTIONS, recording=RecordRequest())
+    with pytest.raises(CommandFailedError) as raised, locked_run(PLAN, environment, options):
+        pass
+    assert "OBK_HOME" in str(raised.value.help)
