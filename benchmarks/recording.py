@@ -103,7 +103,7 @@ def measure(topics: int, rate_hz: float, seconds: float, folder: Path) -> dict[s
         "rate_hz": reported["each"] / reported["seconds"],
         "published": reported["each"] * topics,
         "recorded": bag["count"],
-        "told_as_lost": sum(topic["dropped"] for topic in bag["topics"]),
+        "told_as_lost": sum(topic["lost"] for topic in bag["topics"]),
         "recorder_cores": (used.user + used.system) / reported["seconds"],
         "file_mb_per_s": bag["size_bytes"] / 1e6 / reported["seconds"],
         "load_average": os.getloadavg()[0],

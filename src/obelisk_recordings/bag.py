@@ -8,7 +8,7 @@ __all__ = ["DROPS", "Bag", "BagTopic", "RecordingError"]
 
 
 DROPS: Final = "obelisk_drops"
-"""The metadata record with the number of dropped messages by topic."""
+"""The metadata record with the number of lost messages by topic."""
 
 
 class RecordingError(LookupError):
@@ -29,7 +29,7 @@ class BagTopic:
     topic: str
     msg_type: str
     count: int
-    dropped: int | None = None
+    lost: int | None = None
     """Messages that the recorder missed; None if unknown."""
     type_hash: str = ""
 

@@ -146,7 +146,7 @@ def _bag(path: Path, file: IO[bytes], found: _Found, *, is_complete: bool) -> Ba
             topic=channel.topic,
             msg_type=found.schemas[channel.schema_id].name if channel.schema_id else "",
             count=found.counts[channel.id],
-            dropped=int(drops[channel.topic]) if channel.topic in drops else None,
+            lost=int(drops[channel.topic]) if channel.topic in drops else None,
             type_hash=channel.metadata.get("topic_type_hash", ""),
         )
         for channel in found.channels.values()

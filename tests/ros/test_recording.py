@@ -91,9 +91,7 @@ def test_a_recorded_launch_has_every_message_to_the_last() -> None:
     for folder in (run, run.parent):
         assert folder.stat().st_mode & 0o077 == 0  # recordings and logs belong to their owner
     found = read_back(run / "recording.mcap")
-    lost = {
-        topic["topic"]: topic["dropped"] for topic in reported(run / "recording.mcap")["topics"]
-    }
+    lost = {topic["topic"]: topic["lost"] for topic in reported(run / "recording.mcap")["topics"]}
     assert set(found) == set(lost)
     assert len(found) == 6
     for topic, read in found.items():

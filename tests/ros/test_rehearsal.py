@@ -24,7 +24,7 @@ from .stack import DEADLINE_S, DUMMY, OBK, eventually, marked, obk
 
 pytestmark = pytest.mark.ros
 
-PATIENT = Allowances(end_noticed_s=20.0, hang_noticed_s=20.0, down_s=40.0, back_s=40.0)
+PATIENT = Allowances(end_detected_s=20.0, hang_detected_s=20.0, down_s=40.0, back_s=40.0)
 """Generous limits, because only the reactions are tested, not their times on a busy machine."""
 HANG_S = 5.0
 """A limit that prevents a slow node from being considered frozen."""
@@ -111,7 +111,7 @@ def test_a_broken_expectation_is_reported_with_its_evidence(tmp_path: Path) -> N
         tmp_path, "restart", ["kill"], "--on-crash=stop", nodes=["/obelisk_robot_0"]
     )
     (verdict,) = verdicts
-    assert verdict.seen.startswith("stack down")
+    assert verdict.observed.startswith("stack down")
     assert any("shut down" in fault for fault in verdict.faults)
     assert verdict.run is not None
     assert "SIGKILL" in (verdict.run / "launch.log").read_text()
@@ -135,7 +135,7 @@ def test_the_command_reports_each_row_and_keeps_out_of_other_domains(
         assert f"domain {ros_domain}, logs in {tmp_path}" in result.stderr
         assert result.returncode == (0 if reported["ok"] else 1)
         assert not (tmp_path / "home" / "runs").exists()
-        return bool(verdict["seen"] == verdict["expected"])
+        return bool(verdict["observed"] == verdict["expected"])
 
     eventually(is_as_promised, "what is promised")
 

@@ -58,7 +58,7 @@ def _rate_hz(bag: Bag, topic: BagTopic) -> float:
 
 
 def _lost(topic: BagTopic) -> str:
-    return f"  {topic.dropped} LOST" if topic.dropped else ""
+    return f"  {topic.lost} LOST" if topic.lost else ""
 
 
 def _size(count: int) -> str:

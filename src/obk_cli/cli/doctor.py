@@ -109,6 +109,10 @@ def command(
     is_json, colour = wants_json(format), wants_colour(color)
     every = checks_of(os.environ, Path.cwd())
     chosen = _chosen(checks or [], every)
+    if list_ and is_json:
+        listed = [{"name": check.name, "about": check.about} for check in chosen]
+        print(json.dumps(listed, indent=1))
+        raise typer.Exit(EXIT_DONE)
     if list_:
         width = max(len(check.name) for check in every)
         for check in chosen:

@@ -42,9 +42,9 @@ _SUMMARIES: Final[dict[Reaction, str]] = {
 class Allowances:
     """Time limits for a launcher's reactions [s]."""
 
-    end_noticed_s: float = 0.1
+    end_detected_s: float = 0.1
     """Until the launcher reports that a process has ended."""
-    hang_noticed_s: float = 2.0
+    hang_detected_s: float = 2.0
     """Until the launcher reports that a node hangs, or responds again."""
     down_s: float = 10.0
     """From the fault until the launcher has exited."""
@@ -57,7 +57,7 @@ class Expectation:
     """The required reaction and its time limits."""
 
     reaction: Reaction
-    noticed_s: float
+    detected_s: float
     """Limit until the launcher reports the fault [s]; unused if no reaction is expected."""
     settled_s: float
     """Limit until the stack is in the state that its rule requires [s]."""
@@ -85,7 +85,7 @@ def expectation_of(
         reaction = "nothing"
     return Expectation(
         reaction=reaction,
-        noticed_s=times.end_noticed_s if fault == "kill" else times.hang_noticed_s,
+        detected_s=times.end_detected_s if fault == "kill" else times.hang_detected_s,
         settled_s=times.down_s if reaction == "stop" else times.back_s,
     )
 

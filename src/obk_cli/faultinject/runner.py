@@ -118,7 +118,7 @@ class _Session:
         before = stack.status()
         faults = (*([] if is_up else _start_faults(stack)), *incompleteness(before))
         if faults or before is None or stack.run is None:
-            return Verdict(case=case, seen="not tried", faults=faults, run=stack.run)
+            return Verdict(case=case, observed="not tried", faults=faults, run=stack.run)
         pid = next(node.pid for node in before.nodes if node.process == case.unit.name)
         assert pid is not None, "a complete stack has all of its processes"
         count = len(stack.events)
@@ -181,7 +181,7 @@ def _inject(case: Case, pid: int, stack: LaunchedStack, count: int) -> float:
             thaw(pid)
     if case.fault == "freeze" and case.expectation.reaction in ("go on", "nothing"):
         nodes = {node.full_name for node in case.unit.nodes if node.has_lifecycle}
-        limit_s = case.expectation.noticed_s
+        limit_s = case.expectation.detected_s
         stack.wait_until(lambda events: nodes <= _responding(events), limit_s, since=count)
     return injected_s
 

@@ -87,9 +87,9 @@ class Verdict:
     """The result of a case."""
 
     case: Case
-    seen: str
+    observed: str
     """The reaction in a few words, the same as in the expectation if they match."""
-    noticed_s: float | None = None
+    detected_s: float | None = None
     """From the fault until the launcher reported it [s]; None if it did not."""
     settled_s: float | None = None
     """From the fault until the stack was back, down, or known to continue [s]."""
@@ -108,8 +108,8 @@ def verdict_of(case: Case, observation: Observation) -> Verdict:
     """Compare what was observed in a case with its expectation."""
     return Verdict(
         case=case,
-        seen=_seen(observation),
-        noticed_s=_noticed_s(case, observation),
+        observed=_observed(observation),
+        detected_s=_detected_s(case, observation),
         settled_s=_settled_s(case, observation),
         faults=tuple(_faults(case, observation)),
         run=observation.run,
@@ -158,7 +158,7 @@ def _is_notice(case: Case, event: TimedEvent) -> bool:
             return False
 
 
-def _noticed_s(case: Case, observation: Observation) -> float | None:
+def _detected_s(case: Case, observation: Observation) -> float | None:
     notices = (m.time_s for m in observation.events if _is_notice(case, m))
     return next((time_s - observation.injected_s for time_s in notices), None)
 
@@ -170,7 +170,7 @@ def _settled_s(case: Case, observation: Observation) -> float | None:
     return next((time_s - observation.injected_s for time_s in ends), None)
 
 
-def _seen(observation: Observation) -> str:
+def _observed(observation: Observation) -> str:
     events = [event.event for event in observation.events]
     if observation.exit_code is not None:
         return f"stack down, exit {observation.exit_code}"
@@ -210,12 +210,12 @@ def _unexpected(observation: Observation) -> Iterator[str]:
 
 
 def _lateness(case: Case, observation: Observation) -> Iterator[str]:
-    noticed_s, settled_s = _noticed_s(case, observation), _settled_s(case, observation)
+    detected_s, settled_s = _detected_s(case, observation), _settled_s(case, observation)
     limits = case.expectation
-    if noticed_s is None:
+    if detected_s is None:
         yield "the fault was not detected"
-    elif noticed_s > limits.noticed_s:
-        yield f"detected after {noticed_s:.2f} s, expected within {limits.noticed_s:g} s"
+    elif detected_s > limits.detected_s:
+        yield f"detected after {detected_s:.2f} s, expected within {limits.detected_s:g} s"
     if settled_s is None:
         yield f"not settled within {limits.settled_s:g} s: {limits.summary}"
     elif settled_s > limits.settled_s:

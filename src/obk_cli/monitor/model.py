@@ -39,7 +39,7 @@ class NodeView:
     """None: not running, or on another host."""
     restarts: int
     hangs: bool
-    promises: tuple[Rate, ...]
+    rates: tuple[Rate, ...]
     """The rates of its timers and sensors as last reported."""
     page: str = ""
     """URL of the page that shows the simulation, with its token; empty without one."""
@@ -47,7 +47,7 @@ class NodeView:
     @property
     def is_slow_simulation(self) -> bool:
         """Whether it is a simulator that cannot keep up."""
-        return any(rate.name == STEPS and rate.standing != "kept" for rate in self.promises)
+        return any(rate.name == STEPS and rate.standing != "kept" for rate in self.rates)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -163,7 +163,7 @@ def _node(
         load=None if node.pid is None else loads.get(node.pid),
         restarts=node.restarts,
         hangs=node.hangs,
-        promises=node.rates,
+        rates=node.rates,
         page=node.page,
     )
 
@@ -252,7 +252,7 @@ class RemoteObserver:
             load=None,
             restarts=0,
             hangs=False,
-            promises=(),
+            rates=(),
         )
 
     def _state(self, node: str) -> str:

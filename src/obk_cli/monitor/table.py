@@ -209,7 +209,7 @@ def _pid(node: NodeView) -> str:
 
 
 def _rates(node: NodeView) -> str:
-    return ", ".join(plain(str(rate)) for rate in node.promises if rate.standing != "kept")
+    return ", ".join(plain(str(rate)) for rate in node.rates if rate.standing != "kept")
 
 
 _NODE_COLUMNS: Final[tuple[_Column[NodeView], ...]] = (

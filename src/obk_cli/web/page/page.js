@@ -99,7 +99,7 @@ function showNodes(shown) {
     name.title = `${node.node}\n${node.section}${node.pid === null ? "" : `, process ${node.pid}`}`;
     setText(name.firstChild, shortNode(node.node));
     row.classList.toggle("off", isSlowSimulation(node));
-    const broken = node.promises.filter((promise) => promise.standing !== "kept");
+    const broken = node.rates.filter((one) => one.standing !== "kept");
     const words = [
       node.restarts ? `restarted ${node.restarts}×` : "",
       ...broken.map((one) => `${one.name} ${rate(one.measured_hz)} of ${rate(one.expected_hz)} Hz`),
@@ -121,7 +121,7 @@ function showPage(link, url) {
 }
 
 function isSlowSimulation(node) {
-  return node.promises.some((one) => one.name === "steps" && one.standing !== "kept");
+  return node.rates.some((one) => one.name === "steps" && one.standing !== "kept");
 }
 
 function nodeRow() {

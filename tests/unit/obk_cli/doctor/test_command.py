@@ -1,5 +1,7 @@
 """The `obk doctor` command: selected checks, formats, exit codes."""
 
+import json
+
 import pytest
 
 from obk_cli.cli import doctor
@@ -40,6 +42,8 @@ def test_named_checks_run_alone_in_the_tables_order(capsys: pytest.CaptureFixtur
 def test_the_list_runs_no_check(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("--list") == 0
     assert capsys.readouterr().out == "ros  which ROS\ncpu  processors\nrmw  middleware\n"
+    assert run("cpu", "--list", "--format", "json") == 0
+    assert json.loads(capsys.readouterr().out) == [{"name": "cpu", "about": "processors"}]
 
 
 def test_an_unknown_check_is_reported_with_a_suggestion(

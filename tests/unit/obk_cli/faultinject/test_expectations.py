@@ -33,12 +33,12 @@ def test_the_document_has_the_limits_of_the_usual_rule(repository: Path) -> None
         assert expected == seen == expectation_of(unit(ROBOT), fault, "stop").summary
 
 
-def test_an_end_is_noticed_sooner_than_a_hang() -> None:
+def test_an_end_is_detected_sooner_than_a_hang() -> None:
     """From the page on launching: "seen within 100 ms", "seen within 2 s"."""
-    assert expectation_of(unit(ROBOT), "kill", "stop").noticed_s == 0.1
-    assert expectation_of(unit(ROBOT), "freeze", "stop").noticed_s == 2.0
-    slow = Allowances(end_noticed_s=3.0)
-    assert expectation_of(unit(ROBOT), "kill", "stop", slow).noticed_s == 3.0
+    assert expectation_of(unit(ROBOT), "kill", "stop").detected_s == 0.1
+    assert expectation_of(unit(ROBOT), "freeze", "stop").detected_s == 2.0
+    slow = Allowances(end_detected_s=3.0)
+    assert expectation_of(unit(ROBOT), "kill", "stop", slow).detected_s == 3.0
 
 
 def test_a_nodes_own_rule_precedes_the_launchs() -> None:

@@ -39,7 +39,7 @@ def test_a_launch_that_fails_is_reported_with_its_message_and_repeated(tmp_path:
         [case("kill", "stop"), case("freeze", "stop")], settings, lambda c: begun.append(c.fault)
     )
     assert begun == ["kill", "freeze"]
-    assert [verdict.seen for verdict in verdicts] == ["not tried", "not tried"]
+    assert [verdict.observed for verdict in verdicts] == ["not tried", "not tried"]
     assert verdicts[0].faults[0].endswith("error: no room")
 
 

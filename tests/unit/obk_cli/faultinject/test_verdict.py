@@ -67,8 +67,8 @@ def test_a_stack_that_stops_and_names_the_node_is_correct() -> None:
         case("kill", "stop"), observation(DIED, ended(), exit_code=1, ended_after_s=0.6)
     )
     assert verdict.is_right
-    assert verdict.seen == verdict.case.expectation.summary == "stack down, exit 1"
-    assert verdict.noticed_s == pytest.approx(0.01)
+    assert verdict.observed == verdict.case.expectation.summary == "stack down, exit 1"
+    assert verdict.detected_s == pytest.approx(0.01)
     assert verdict.settled_s == pytest.approx(0.6)
 
 
@@ -110,7 +110,7 @@ def test_a_restarted_node_with_all_others_untouched_is_correct() -> None:
         case("kill", "restart"), observation(DIED, RESTARTING, BACK, after=status(pids=RESTARTED))
     )
     assert verdict.is_right
-    assert verdict.seen == "restarted, all active"
+    assert verdict.observed == "restarted, all active"
     assert verdict.settled_s == pytest.approx(1.5)
 
 
@@ -147,7 +147,7 @@ def test_a_stack_that_continues_without_the_node_is_correct() -> None:
     after = status(pids=LOST, states={ROBOT: "gone"})
     verdict = verdict_of(case("kill", "ignore"), observation(DIED, WITHOUT, after=after))
     assert verdict.is_right
-    assert verdict.seen == verdict.case.expectation.summary
+    assert verdict.observed == verdict.case.expectation.summary
 
 
 def test_a_stack_that_takes_others_along_is_reported() -> None:
@@ -166,10 +166,10 @@ def test_a_frozen_ignored_node_must_be_received_again() -> None:
 
 
 def test_a_delay_without_a_reaction_is_correct_and_with_one_it_is_not() -> None:
-    assert verdict_of(case("delay", "stop"), observation(after=status())).seen == "no reaction"
+    assert verdict_of(case("delay", "stop"), observation(after=status())).observed == "no reaction"
     assert verdict_of(case("delay", "stop"), observation(after=status())).is_right
     verdict = verdict_of(case("delay", "stop"), observation(HUNG, after=status()))
-    assert verdict.seen == "reported only: Hung"
+    assert verdict.observed == "reported only: Hung"
     assert "Hung(" in verdict.faults[0]
 
 
@@ -193,7 +193,7 @@ def test_the_table_shows_every_row_and_the_evidence_of_faults() -> None:
     table = [line.split("  ") for line in rehearsal_text(VERDICTS).splitlines()[:3]]
     assert [[cell.strip() for cell in line if cell] for line in table] == [
         ["node", "fault", "expected", "observed", "detected [s]", "settled [s]"],
-        ["robot_0", "kill", VERDICTS[0].seen, VERDICTS[0].seen, "0.010", "1.5", "ok"],
+        ["robot_0", "kill", VERDICTS[0].observed, VERDICTS[0].observed, "0.010", "1.5", "ok"],
         ["robot_0", "delay", "no reaction", "reported only: Hung", "1.700", "-", "FAILED"],
     ]
     below = rehearsal_text(VERDICTS).splitlines()[3:]

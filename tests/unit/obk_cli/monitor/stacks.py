@@ -25,7 +25,7 @@ def node(name: str, section: str, pid: int | None = 4711, state: str = "active")
         else None,
         restarts=0,
         hangs=False,
-        promises=(),
+        rates=(),
     )
 
 
@@ -102,7 +102,7 @@ BROKEN: Final = replace(
     nodes=(
         replace(
             HEALTHY.nodes[0],
-            promises=(
+            rates=(
                 Rate(
                     name="timer_ctrl",
                     expected_hz=1000.0,

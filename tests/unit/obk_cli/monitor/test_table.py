@@ -60,8 +60,8 @@ def test_a_long_name_is_truncated_before_the_state_of_the_stack() -> None:
 
 
 def test_a_simulation_that_is_too_slow_is_one_red_line() -> None:
-    steps = replace(BROKEN.nodes[0].promises[0], name="steps")
-    robot = replace(HEALTHY.nodes[2], promises=(steps,))
+    steps = replace(BROKEN.nodes[0].rates[0], name="steps")
+    robot = replace(HEALTHY.nodes[2], rates=(steps,))
     slow = replace(HEALTHY, nodes=(*HEALTHY.nodes[:2], robot), realtime_factor=0.46)
     assert "simulation too slow  real time x0.46" in head_line(slow, 80).text
     wrong = [
@@ -78,7 +78,7 @@ def test_a_topic_that_is_off_is_marked_in_text_and_for_programs() -> None:
     assert [line.split()[1] for line in marked] == ["joint_encoders", "est"]
     data = json.loads(json.dumps(monitor_data(BROKEN)))
     assert [topic["is_off"] for topic in data["topics"]] == [True, True, False]
-    assert data["nodes"][0]["promises"][0]["standing"] == "broken"
+    assert data["nodes"][0]["rates"][0]["standing"] == "broken"
     assert data["nodes"][1]["load"]["memory_bytes"] == 74_000_000
 
 

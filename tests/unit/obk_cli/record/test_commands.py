@@ -50,7 +50,7 @@ def test_bag_info_as_json(bag: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert obk("bag", "info", bag, "--format", "json") == 0
     reported = json.loads(capsys.readouterr().out)
     assert (reported["count"], reported["duration_s"], reported["is_complete"]) == (5, 4.0, True)
-    assert reported["topics"][0]["dropped"] == 2
+    assert reported["topics"][0]["lost"] == 2
 
 
 def test_plot_names_the_picture_that_it_makes(

@@ -57,7 +57,7 @@ def test_a_recording_reports_its_content(tmp_path: Path) -> None:
     assert bag.duration_s == pytest.approx(0.99)
     assert bag.topics == (
         BagTopic(topic="/silent", msg_type=TYPE, count=0),
-        BagTopic(topic="/speed", msg_type=TYPE, count=100, dropped=3, type_hash="RIHS01_0"),
+        BagTopic(topic="/speed", msg_type=TYPE, count=100, lost=3, type_hash="RIHS01_0"),
     )
     assert bag.metadata == {"obelisk": {"run": "arm"}}
     assert bag.attachments == {"plan.json": 2}

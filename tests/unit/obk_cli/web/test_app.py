@@ -260,7 +260,7 @@ def test_a_stream_reports_the_stack_and_its_log() -> None:
     assert view["transitions"] == ["activate", "cleanup", "shutdown"]
     assert [node["state"] for node in view["nodes"]] == ["active", "inactive", "finalized"]
     assert view["nodes"][0]["transitions"] == ["deactivate", "shutdown"]
-    assert view["nodes"][0]["promises"][0]["measured_hz"] == 463.4
+    assert view["nodes"][0]["rates"][0]["measured_hz"] == 463.4
     assert [topic["is_off"] for topic in view["topics"]] == [True, True, False]
     assert "\x1b" not in "".join(reported["lines"])
     assert "red [ERROR]" in reported["lines"][2]
