@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 __all__ = [
+    "EXIT_CLOSED_PIPE",
     "EXIT_DONE",
     "EXIT_FAILED",
     "EXIT_INTERRUPTED",
@@ -27,6 +28,8 @@ EXIT_DONE: Final = 0
 EXIT_FAILED: Final = 1
 EXIT_MISUSE: Final = 2
 EXIT_INTERRUPTED: Final = 130
+EXIT_CLOSED_PIPE: Final = 141
+"""As of a program that SIGPIPE ends: the reader of the output, such as `head`, has exited."""
 
 
 class ObkError(Exception):

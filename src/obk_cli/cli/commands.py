@@ -22,7 +22,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from obelisk_recordings.bag import RecordingError
 from obelisk_spec.suggestions import ask_for, did_you_mean
-from obk_cli.errors import EXIT_FAILED, MisuseError, ObkError
+from obk_cli.errors import EXIT_CLOSED_PIPE, EXIT_FAILED, MisuseError, ObkError
 from obk_cli.process.signals import is_interrupted
 
 __all__ = ["GROUPS", "VERBS", "root_command", "run"]
@@ -133,15 +133,24 @@ _COMPLETION = frozenset({"--install-completion", "--show-completion"})
 """Options that typer adds."""
 
 
+@contextmanager
+def _ending_with_reader() -> Iterator[None]:
+    """Exit if the output's reader has; click would exit with 1, as if the config had errors."""
+    try:
+        yield
+    except BrokenPipeError:
+        sys.exit(EXIT_CLOSED_PIPE)
+
+
 class _LazyGroup(TyperGroup):
     """The commands of the table, each imported on first use."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        with _own_words(ctx):
+        with _own_words(ctx), _ending_with_reader():
             return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        with _own_words(ctx):
+        with _own_words(ctx), _ending_with_reader():
             return super().invoke(ctx)
 
     def list_commands(self, _: Any) -> list[str]:
@@ -292,6 +301,10 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
     try:
         try:
             root_command().main(args=_as_options(given), prog_name="obk")
+        except SystemExit:
+            if not _flush_output():
+                sys.exit(EXIT_CLOSED_PIPE)
+            raise
         finally:
             _flush_output()
     except (ObkError, RecordingError) as error:
@@ -338,11 +351,10 @@ def _escape_unencodable() -> None:
             output.reconfigure(errors="backslashreplace")
 
 
-def _flush_output() -> None:
-    """Flush the output while an error can still be reported.
+def _flush_output() -> bool:
+    """Flush the output while an error can still be reported; return whether its reader exists.
 
-    This leaves nothing for the flush at exit, which would fail again. A closed pipe is not an
-    error: its reader, such as `head`, needs no more output.
+    This leaves nothing for the flush at exit, which would fail again.
 
     Raises:
         OSError: the output cannot be written; the rest of it is discarded.
@@ -353,6 +365,8 @@ def _flush_output() -> None:
         sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - for good
         if error.errno != errno.EPIPE:
             raise
+        return False
+    return True
 
 
 def _print_error(message: str, help: str | None) -> None:

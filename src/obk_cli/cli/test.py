@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import takewhile
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Final
@@ -16,7 +17,6 @@ import typer
 
 from obk_cli.cli.config_options import (
     ColourOption,
-    ConfigArgument,
     IgnoreOption,
     SetOption,
     make_options,
@@ -31,7 +31,7 @@ from obk_cli.errors import (
     CommandFailedError,
     MisuseError,
 )
-from obk_cli.files import STANDARD_INPUT
+from obk_cli.files import STANDARD_INPUT, unwritable
 from obk_cli.optional_deps import require_extra
 from obk_cli.plan.plan import Plan
 
@@ -55,12 +55,13 @@ _UNITS_S: Final = MappingProxyType({"": 1, "s": 1, "m": 60, "h": 3600})
 
 
 def command(
-    config: ConfigArgument,
+    config: Annotated[str, typer.Argument(metavar="CONFIG", help="Config file.")],
     tests: Annotated[
         list[str] | None,
         typer.Argument(
             metavar="[TESTS]...",
-            help="Test files, folders or IDs. Options after `--` are passed to pytest.",
+            help="Test files, folders or IDs, or `smoke` for the smoke test. Options after `--` "
+            "are passed to pytest.",
         ),
     ] = None,
     seeds: Annotated[
@@ -124,7 +125,7 @@ def command(
 
     A failed test leaves a recording and a plot, and the summary shows the command that repeats the
     test. Hardware is never accessed. Exit code 0: all tests passed; 1: a test failed, or the config
-    has errors.
+    has errors; 2: no test was found, or the command line is invalid.
     """
     if config == STANDARD_INPUT:
         raise MisuseError("`obk test` needs the path of a config, not `-`")
@@ -132,6 +133,15 @@ def command(
         raise MisuseError(f"`--seeds {seeds}`: expected a number of seeds, or `=SEED` for one")
     if jobs is not None and jobs < 1:
         raise MisuseError(f"`-j {jobs}`: expected a number of at least 1")
+    for word in takewhile(lambda word: not word.startswith("-"), tests or ()):
+        if not _is_test(word):
+            raise MisuseError(
+                f"the test `{word}` does not exist",
+                help="name a test file, a folder or an ID such as tests/test_push.py::test_push, "
+                "or `smoke` for the smoke test",
+            )
+    if junitxml is not None:
+        _require_writable(junitxml)
     limit_s = None if time_limit is None else _seconds_of(time_limit)
     # Only words after `--` can start with a hyphen.
     if again is not None and tests and not tests[0].startswith("-"):
@@ -164,6 +174,22 @@ def command(
     environment = lockstep_environment(folder, plan, may_build=build, color=color)
     arguments = [*options, *_tests(tests or (), folder, output)]
     raise typer.Exit(_run_pytest(arguments, environment))
+
+
+def _require_writable(path: Path) -> None:
+    """Check before the tests run that their report can be written.
+
+    Raises:
+        CommandFailedError: it cannot.
+    """
+    is_new = not path.exists()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.open("a").close()
+        if is_new:
+            path.unlink()
+    except OSError as error:
+        raise unwritable(path, error) from error
 
 
 def _seconds_of(time_limit: str) -> float:

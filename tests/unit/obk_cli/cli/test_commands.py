@@ -426,3 +426,13 @@ def test_an_internal_error_is_reported_as_one(
     trace = Path(result.err.rpartition(" ")[2].strip())
     assert "boom" in trace.read_text()
     trace.unlink()
+
+
+@pytest.mark.parametrize("arguments", [["schema"], ["explain", "OBK303"], ["--help"]])
+def test_a_closed_pipe_is_reported_as_if_by_its_signal(arguments: list[str]) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", "obk_cli.cli.main", *arguments]
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, check=False)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (141, b"")
