@@ -32,6 +32,7 @@ __all__ = [
     "Rate",
     "Standing",
     "clock_page_bytes",
+    "hz",
     "parse_clock",
     "parse_rate",
     "parse_rejection",
@@ -155,7 +156,12 @@ class Rate:
     """`off`: more than `TOLERANCE` below the expected rate; `broken`: for at least 2 s."""
 
     def __str__(self) -> str:
-        return f"{self.name} runs at {self.measured_hz:.4g} of {self.expected_hz:.4g} Hz"
+        return f"{self.name} runs at {hz(self.measured_hz)} of {hz(self.expected_hz)} Hz"
+
+
+def hz(rate_hz: float) -> str:
+    """A rate's number in Hz for people: four digits, but never with an exponent."""
+    return f"{rate_hz:.0f}" if rate_hz >= 1000 else f"{rate_hz:.4g}"
 
 
 def rate_values(rate: Rate) -> tuple[tuple[str, str], ...]:

@@ -34,6 +34,7 @@ from obelisk_spec.runtime_protocol import (
     TOLERANCE,
     Rate,
     Standing,
+    hz,
     rate_name,
     rate_values,
 )
@@ -473,7 +474,7 @@ def _status(node: str, rate: Rate) -> Any:
     return DiagnosticStatus(
         level=_LEVELS[STANDINGS.index(rate.standing)],
         name=rate_name(node, rate.name),
-        message=f"{rate.standing}: {rate.measured_hz:.4g} of {rate.expected_hz:.4g} Hz",
+        message=f"{rate.standing}: {hz(rate.measured_hz)} of {hz(rate.expected_hz)} Hz",
         hardware_id=node,
         values=[KeyValue(key=key, value=value) for key, value in rate_values(rate)],
     )

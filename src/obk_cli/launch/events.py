@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Generic, TypeVar, get_args
 
-from obelisk_spec.runtime_protocol import Rate
+from obelisk_spec.runtime_protocol import Rate, hz
 from obelisk_spec.video import VideoStatus
 from obk_cli.runs.protocol import ChangeAnswer, Result, StackStatus
 
@@ -354,7 +354,7 @@ class RateBroken:
         rate = self.rate
         if self.silent_s:
             how = f"{rate.name} was not reported for {self.silent_s:.1f} s, "
-            how += f"expected {rate.expected_hz:.4g} Hz"
+            how += f"expected {hz(rate.expected_hz)} Hz"
         elif rate.late_p99_us:
             how = f"{rate} (p99 latency {rate.late_p99_us / 1e3:.3g} ms)"
         else:  # the simulator triggers its ticks, so they are never late

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
-from obelisk_spec.runtime_protocol import Rate
+from obelisk_spec.runtime_protocol import Rate, hz
 from obelisk_spec.suggestions import with_number
 from obk_cli.launch.events import (
     OutputEvent,
@@ -240,5 +240,5 @@ def _change(interval: _Interval, event: RateBroken | RateKept, now: float) -> st
     return (
         f"{rate.name} missed its rate {with_number(breaks, 'time')} "
         f"in {now - interval.begin_s:.0f} s, "
-        f"lowest {lowest:.4g} of {rate.expected_hz:.4g} Hz, now {rate.measured_hz:.4g} Hz"
+        f"lowest {hz(lowest)} of {hz(rate.expected_hz)} Hz, now {hz(rate.measured_hz)} Hz"
     )

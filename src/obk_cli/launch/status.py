@@ -13,7 +13,7 @@ from rich.console import Console, RenderableType
 from rich.rule import Rule
 from rich.text import Text
 
-from obelisk_spec.runtime_protocol import Rate
+from obelisk_spec.runtime_protocol import Rate, hz
 from obelisk_spec.suggestions import with_number
 from obk_cli.launch.event_lines import STEADY, LaunchReport, short_name
 from obk_cli.launch.events import (
@@ -290,7 +290,7 @@ def _entry(node: NodeStatus, phase: str) -> Text:
     if node.restarts and word != _RESTARTING:
         entry.append(f" (restarted {node.restarts}x)", "yellow")
     for rate in node.rates:
-        text = f" {rate.name} {rate.measured_hz:.4g}/{rate.expected_hz:.4g} Hz"
+        text = f" {rate.name} {hz(rate.measured_hz)}/{hz(rate.expected_hz)} Hz"
         entry.append(text, "bold red" if rate.standing == "broken" else "yellow")
     return entry
 

@@ -8,6 +8,7 @@ from obelisk_spec.runtime_protocol import (
     REJECTION,
     STANDINGS,
     Rate,
+    hz,
     parse_rate,
     parse_rejection,
     rate_name,
@@ -87,3 +88,10 @@ def test_a_status_of_another_kind_reports_no_rejected_commands(
     name: str, values: dict[str, str]
 ) -> None:
     assert parse_rejection(name, values) is None
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "text"), [(20_000.0, "20000"), (999.96, "1000"), (463.42, "463.4"), (0.5, "0.5")]
+)
+def test_a_rate_is_shown_without_an_exponent(rate_hz: float, text: str) -> None:
+    assert hz(rate_hz) == text
