@@ -69,7 +69,11 @@ def _help_of(command: click.Command, name: str) -> Iterator[str]:
 
 def _help(command: click.Command, name: str) -> str:
     context = command.context_class(
-        command, info_name=name, terminal_width=HELP_WIDTH, max_content_width=HELP_WIDTH
+        command,
+        info_name=name,
+        terminal_width=HELP_WIDTH,
+        max_content_width=HELP_WIDTH,
+        help_option_names=["--help", "-h"],  # as inherited from `obk`
     )
     return command.get_help(context)
 

@@ -70,7 +70,10 @@ GROUPS: Final[Mapping[str, Mapping[str, Verb]]] = MappingProxyType(
             ),
             "ps": Verb("obk_cli.cli.ps", "List the stacks running on this host."),
             "stop": Verb("obk_cli.cli.stop", "Shut a stack down cleanly."),
-            "reap": Verb("obk_cli.cli.reap", "Terminate processes that outlived their launcher."),
+            "reap": Verb(
+                "obk_cli.cli.reap",
+                "Terminate processes left over from stacks whose launcher has exited.",
+            ),
         },
         "Inspect": {
             "monitor": Verb(

@@ -56,6 +56,7 @@ def command(
         Path | None,
         typer.Option(
             "--templates",
+            metavar="DIR",
             help="Folder with your own templates; they take precedence over the built-in ones.",
             show_default="OBK_TEMPLATES, otherwise the user's config folder",
         ),
@@ -64,7 +65,8 @@ def command(
         bool, typer.Option("--dry-run", help="Show what would be created, without writing it.")
     ] = False,
     format: Annotated[
-        Literal["text", "json"], typer.Option("--format", help="Output format.")
+        Literal["text", "json"],
+        typer.Option("--format", metavar="text|json", help="Output format."),
     ] = "text",
 ) -> None:
     """Create a workspace: a config, a robot model, a controller, an estimator, tests and checks.

@@ -60,17 +60,18 @@ def command(
         typer.Option(metavar="|".join(UNTIL), help="Bring the stack up to this lifecycle state."),
     ] = "active",
     duration: Annotated[
-        float | None, typer.Option(help="Stop the stack after this time [s].")
+        float | None, typer.Option(metavar="SECONDS", help="Stop the stack after this time [s].")
     ] = None,
     sim_duration: Annotated[
         float | None,
         typer.Option(
-            metavar="S", help="Stop after this simulated time [s]; needs a simulated robot."
+            metavar="SECONDS", help="Stop after this simulated time [s]; needs a simulated robot."
         ),
     ] = None,
     timeout: Annotated[
         float,
         typer.Option(
+            metavar="SECONDS",
             help="Time limit for a transition [s]. Startup gets at least 20 s, and each transition "
             "at shutdown 3 s, or this time if it is above 10 s."
         ),
@@ -85,7 +86,8 @@ def command(
     hang_after: Annotated[
         float,
         typer.Option(
-            help="Treat a node as hung if it does not answer for this long [s]; 0: never."
+            metavar="SECONDS",
+            help="Treat a node as hung if it does not answer for this long [s]; 0: never.",
         ),
     ] = 1.3,
     strict_rates: Annotated[
@@ -97,11 +99,13 @@ def command(
     composed: Annotated[
         bool, typer.Option("--composed", help="Run the Python nodes in one process.")
     ] = False,
-    device: Annotated[str | None, typer.Option(help="Run the nodes of this device only.")] = None,
+    device: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Run the nodes of this device only.")
+    ] = None,
     lead: Annotated[
         str | None,
         typer.Option(
-            metavar="DEVICE",
+            metavar="NAME",
             help="With --device: the device that leads. Default: the one with `control`.",
         ),
     ] = None,
@@ -169,7 +173,7 @@ def command(
         ),
     ] = None,
     log_level: Annotated[
-        str | None, typer.Option(help="Log level for nodes that do not set one.")
+        str | None, typer.Option(metavar="LEVEL", help="Log level for nodes that do not set one.")
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Hide the nodes' output.")] = False,
     format: Annotated[str, typer.Option(metavar="|".join(FORMATS), help="Output format.")] = "text",

@@ -44,12 +44,14 @@ def command(
         typer.Argument(metavar="[NODE...]", help="Node names or sections. Default: all nodes."),
     ] = None,
     run: Annotated[
-        str | None, typer.Option(help="Stack, by the name of its config or run folder.")
+        str | None,
+        typer.Option(metavar="RUN", help="Stack, by the name of its config or run folder."),
     ] = None,
     timeout: Annotated[
         float | None,
         typer.Option(
-            help="Seconds to wait for a node's answer or transition. Default: as launched, or 10."
+            metavar="SECONDS",
+            help="Seconds to wait for a node's answer or transition. Default: as launched, or 10.",
         ),
     ] = None,
     format: FormatOption = "text",

@@ -34,9 +34,12 @@ WIDE: Final = 200
 
 def command(
     once: Annotated[bool, typer.Option("--once", help="Print one snapshot and exit.")] = False,
-    period: Annotated[float, typer.Option(help="Refresh interval in seconds.")] = 1.0,
+    period: Annotated[
+        float, typer.Option(metavar="SECONDS", help="Refresh interval in seconds.")
+    ] = 1.0,
     run: Annotated[
-        str | None, typer.Option(help="Stack, by the name of its config or run folder.")
+        str | None,
+        typer.Option(metavar="RUN", help="Stack, by the name of its config or run folder."),
     ] = None,
     domain: DomainOption = None,
     format: FormatOption = "text",

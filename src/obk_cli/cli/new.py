@@ -85,13 +85,17 @@ Obelisk = Annotated[
 Dest = Annotated[
     Path | None,
     typer.Option(
-        "--dest", help="Folder for the package.", show_default="src/ if it exists, otherwise ."
+        "--dest",
+        metavar="DIR",
+        help="Folder for the package.",
+        show_default="src/ if it exists, otherwise .",
     ),
 ]
 Templates = Annotated[
     Path | None,
     typer.Option(
         "--templates",
+        metavar="DIR",
         help="Folder with your own templates; they take precedence over the built-in ones.",
         show_default="OBK_TEMPLATES, otherwise the user's config folder",
     ),
@@ -116,7 +120,9 @@ DryRun = Annotated[
     bool, typer.Option("--dry-run", help="Show what would be created, without writing it.")
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace existing files.")]
-Format = Annotated[Literal["text", "json"], typer.Option("--format", help="Output format.")]
+Format = Annotated[
+    Literal["text", "json"], typer.Option("--format", metavar="text|json", help="Output format.")
+]
 
 
 @app.callback(epilog="\b\nExample: obk new controller my_controller\n         obk new --list")
@@ -308,7 +314,8 @@ def new_config(
         str, typer.Argument(metavar="NAME", help="Name of the stack, lower snake case.")
     ],
     dest: Annotated[
-        Path | None, typer.Option("--dest", help="Folder for the config.", show_default=".")
+        Path | None,
+        typer.Option("--dest", metavar="DIR", help="Folder for the config.", show_default="."),
     ] = None,
     templates: Templates = None,
     dry_run: DryRun = False,

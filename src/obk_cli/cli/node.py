@@ -36,7 +36,8 @@ def list_(
     wait: Annotated[
         float | None,
         typer.Option(
-            help="Seconds to spend discovering nodes not started by obk; 3.3 is enough to find all."
+            metavar="SECONDS",
+            help="Seconds to spend discovering nodes not started by obk; 3.3 s finds all.",
         ),
     ] = None,
     domain: DomainOption = None,

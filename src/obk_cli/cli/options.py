@@ -73,6 +73,7 @@ TopicsOption = Annotated[
 TimeoutOption = Annotated[
     float,
     typer.Option(
+        metavar="SECONDS",
         help="Seconds to wait for a node, a reply or a message.",
         show_default="5, or 1 if there are no nodes",
     ),

@@ -54,7 +54,9 @@ def command(
     run: Annotated[
         str | None, typer.Option(metavar="RUN", help="Stack to record, if several are running.")
     ] = None,
-    duration: Annotated[float | None, typer.Option(help="Stop after this time [s].")] = None,
+    duration: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Stop after this time [s].")
+    ] = None,
 ) -> None:
     """Record topics of a running stack to an MCAP file that Foxglove and `ros2 bag` can read.
 

@@ -26,7 +26,9 @@ def command(
         typer.Argument(metavar="[RUN]", help="Stack, by the name of its config or run folder."),
     ] = None,
     all_: Annotated[bool, typer.Option("--all", help="Stop every stack on this host.")] = False,
-    timeout: Annotated[float, typer.Option(help="Seconds to wait for a stack to stop.")] = WAIT_S,
+    timeout: Annotated[
+        float, typer.Option(metavar="SECONDS", help="Seconds to wait for a stack to stop.")
+    ] = WAIT_S,
     kill: Annotated[
         bool, typer.Option("--kill", help="Kill a launcher that does not stop in time.")
     ] = False,

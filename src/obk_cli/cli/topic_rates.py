@@ -39,7 +39,8 @@ POLL_S: Final = 0.001
 """Polling period; short compared with the measured latencies [s]."""
 
 DurationOption = Annotated[
-    float | None, typer.Option(help="Measure for this long [s] and print one report.")
+    float | None,
+    typer.Option(metavar="SECONDS", help="Measure for this long [s] and print one report."),
 ]
 
 
@@ -53,7 +54,7 @@ def hz(
         ),
     ],
     window: Annotated[
-        float, typer.Option(help="Compute statistics over this many seconds.")
+        float, typer.Option(metavar="SECONDS", help="Compute statistics over this many seconds.")
     ] = 10.0,
     duration: DurationOption = None,
     domain: DomainOption = None,

@@ -28,7 +28,8 @@ PERIOD_S: Final = 0.5
 
 def command(
     run: Annotated[
-        str | None, typer.Option(help="Stack, by the name of its config or run folder.")
+        str | None,
+        typer.Option(metavar="RUN", help="Stack, by the name of its config or run folder."),
     ] = None,
     domain: DomainOption = None,
     port: Annotated[

@@ -316,12 +316,12 @@ def judge_cpu(facts: CpuFacts) -> Iterator[Finding]:
         )
     elif facts.load > count:
         yield note(
-            f"{processors} with a load of {facts.load:.1f}: loops will be late",
+            f"load average {facts.load:.1f} on {processors}: control loops will miss deadlines",
             "top",
             **measured,
         )
     else:
-        yield ok(f"{processors}, load {facts.load:.1f}", **measured)
+        yield ok(f"{processors}, load average {facts.load:.1f}", **measured)
     yield from _judge_governors(facts)
     yield from _judge_clock(facts)
 

@@ -120,7 +120,10 @@ def _if_none(environment: RosEnvironment) -> str:
     domains = sorted({run.domain for run in live} - {environment.domain})
     if domains:
         where = " and ".join(map(str, domains))
-        return f"a stack is running in ROS domain {where}; set ROS_DOMAIN_ID"
+        what = "a stack is running in ROS domain"
+        if len(domains) > 1:
+            what = "stacks are running in ROS domains"
+        return f"{what} {where}; set ROS_DOMAIN_ID"
     return (
         "start a stack with `obk launch`; a stack on another host needs "
         "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET on both hosts"

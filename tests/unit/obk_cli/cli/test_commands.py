@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
@@ -436,3 +437,27 @@ def test_a_closed_pipe_is_reported_as_if_by_its_signal(arguments: list[str]) -> 
     done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, check=False)
     os.close(write)
     assert (done.returncode, done.stderr) == (141, b"")
+
+
+METAVARS = {"duration": "SECONDS", "timeout": "SECONDS", "run": "RUN", "device": "NAME"}
+METAVARS |= {"dest": "DIR", "templates": "DIR"}
+
+
+def test_options_of_one_kind_have_one_metavar() -> None:
+    with click.Context(root_command()) as context:
+        commands = all_commands(context.command, context)
+        for command in commands:
+            for option in command.params:
+                if isinstance(option, click.Option) and option.name in METAVARS:
+                    assert option.metavar == METAVARS[option.name], (command.name, option.name)
+                if option.name == "format" and not isinstance(option.metavar, str):
+                    pytest.fail(f"{command.name} --format")
+
+
+def all_commands(command: click.Command, context: click.Context) -> Iterator[click.Command]:
+    yield command
+    if isinstance(command, click.Group):
+        for name in command.list_commands(context):
+            inner = command.get_command(context, name)
+            assert inner is not None
+            yield from all_commands(inner, click.Context(inner, parent=context))
