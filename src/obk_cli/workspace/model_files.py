@@ -221,7 +221,7 @@ def _from_urdf(path: Path, root: ElementTree.Element, folder: Path) -> tuple[Fil
     )
     read = _read(source, shown=str(path))
     used = {PurePosixPath(relative) for relative, _ in read.referenced_files}
-    spec: Any = import_mujoco().MjSpec.from_file(str(source))
+    spec: Any = import_mujoco().MjSpec.from_file(os.fsencode(source))
     main = PurePosixPath(f"{path.stem}.xml")
     return {main: spec.to_xml().encode(), **{p: assets[p] for p in used}}, main
 

@@ -149,7 +149,7 @@ def read_model(path: Path) -> ModelRead | ModelFault:
     """
     mujoco = import_mujoco()
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
+        spec = mujoco.MjSpec.from_file(os.fsencode(path))  # the bytes, in any locale
     except (ValueError, mujoco.FatalError) as error:
         return _fault(error)
     referenced = _referenced_files(spec, path)

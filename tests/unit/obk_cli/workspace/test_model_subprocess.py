@@ -1,7 +1,10 @@
 """A model that crashes MuJoCo gives a finding with the file."""
 
 import os
+import shutil
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import NoReturn
@@ -22,6 +25,28 @@ def test_a_valid_model_has_its_facts() -> None:
     assert isinstance(read, ModelRead)
     assert read.fault is None
     assert read.facts.keyframes == ("ic", "other")
+
+
+IN_C_LOCALE = """
+from pathlib import Path
+from obk_cli.workspace.model_reader import read_model_bounded
+print(type(read_model_bounded(next(Path().glob("*/dummy.xml")))).__name__)
+"""
+
+
+def test_a_path_that_the_locale_cannot_decode_is_read(tmp_path: Path) -> None:
+    (tmp_path / "ü").mkdir()
+    shutil.copy(MODEL, tmp_path / "ü")
+    locale = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    done = subprocess.run(
+        [sys.executable, "-c", IN_C_LOCALE],
+        cwd=tmp_path,
+        env={**os.environ, **locale},
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == "ModelRead\n"
 
 
 def test_warnings_of_mujoco_are_not_written_to_files(

@@ -76,7 +76,7 @@ def load_spec(path: Path) -> mujoco.MjSpec:
         ObeliskConfigError: MuJoCo cannot read it.
     """
     try:
-        return mujoco.MjSpec.from_file(str(path))
+        return mujoco.MjSpec.from_file(os.fsencode(path))
     except (ValueError, mujoco.FatalError) as error:
         raise ObeliskConfigError(f"model_xml_path: MuJoCo rejects {path}: {error}") from error
 
