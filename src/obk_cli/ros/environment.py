@@ -16,6 +16,7 @@ __all__ = [
     "LAN_PROFILE",
     "LOCALHOST_PROFILE",
     "OUR_RMW",
+    "PROFILES_FILES",
     "Network",
     "RosEnvironment",
     "ros_environment",
