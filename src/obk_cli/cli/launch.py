@@ -73,7 +73,7 @@ def command(
         typer.Option(
             metavar="SECONDS",
             help="Time limit for a transition [s]. Startup gets at least 20 s, and each transition "
-            "at shutdown 3 s, or this time if it is above 10 s."
+            "at shutdown 3 s, or this time if it is above 10 s.",
         ),
     ] = 10.0,
     on_crash: Annotated[
