@@ -7,13 +7,14 @@ from pathlib import Path
 
 from obelisk_spec.suggestions import with_number
 from obk_cli.doctor.finding import Finding, note, ok, warning
+from obk_cli.install_source import install_command
 from obk_cli.runs.folder import runs_folder
 from obk_cli.runs.orphans import find_orphans
 from obk_cli.runs.registry import live_runs
 from obk_cli.terminal import plain
 from obk_cli.workspace.message_build import survey_of
 from obk_cli.workspace.package_index import declared_name, find_workspace, package_folders
-from obk_interfaces import InterfaceError
+from obk_interfaces import InterfaceError, NoRosError
 
 __all__ = [
     "RunningStack",
@@ -41,6 +42,8 @@ class WorkspaceFacts:
     """Message packages that are not built, or changed since the last build."""
     fault: str = ""
     """Why the message packages cannot be examined; empty if they can."""
+    fix: str = "obk build"
+    """A command that removes the fault, or shows more of it."""
 
 
 def judge_workspace(facts: WorkspaceFacts) -> Iterator[Finding]:
@@ -61,7 +64,7 @@ def judge_workspace(facts: WorkspaceFacts) -> Iterator[Finding]:
             f"grep -rl '<name>{name}</name>' --include package.xml {facts.folder}",
         )
     if facts.fault:
-        yield warning(f"message packages: {facts.fault}", "obk build")
+        yield warning(f"message packages: {facts.fault}", facts.fix)
     if facts.unbuilt:
         yield note(
             f"message packages to be built: {', '.join(facts.unbuilt)}",
@@ -78,9 +81,11 @@ def probe_workspace(working_folder: Path, environment: Mapping[str, str]) -> Wor
         return WorkspaceFacts(folder=None, packages=(), broken=(), doubled=(), unbuilt=())
     counts = Counter(name for name in names.values() if name is not None)
     unbuilt: tuple[str, ...] = ()
-    fault = ""
+    fault, fix = "", "obk build"
     try:
         unbuilt = tuple(one.name for one in survey_of(workspace, environment).stale)
+    except NoRosError as error:
+        fault, fix = str(error), install_command("ros")
     except InterfaceError as error:
         fault = str(error)
     return WorkspaceFacts(
@@ -90,6 +95,7 @@ def probe_workspace(working_folder: Path, environment: Mapping[str, str]) -> Wor
         doubled=tuple(sorted(name for name, count in counts.items() if count > 1)),
         unbuilt=unbuilt,
         fault=fault,
+        fix=fix,
     )
 
 

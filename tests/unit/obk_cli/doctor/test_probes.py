@@ -63,6 +63,20 @@ def test_a_missing_numpy_is_not_fixed_with_a_compiler(monkeypatch: pytest.Monkey
     assert "numpy" in probe_compiler().fix
 
 
+def test_without_ros_no_build_is_recommended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "src" / "my_msgs"
+    (package / "msg").mkdir(parents=True)
+    (package / "msg" / "Turn.msg").write_text("float64 angle\n")
+    manifest = "<package><name>my_msgs</name><version>1.0.0</version></package>"
+    (package / "package.xml").write_text(manifest)
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    facts = probe_workspace(package, {})
+    assert facts.fault
+    assert facts.fix.startswith("pip install")
+
+
 def test_an_invalid_domain_is_reported_by_discovery_too(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
