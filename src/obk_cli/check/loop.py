@@ -164,7 +164,6 @@ def _check_node_timers(node: Node, fastest_hz: float) -> Iterator[Diagnostic]:
 
 def check_periods(context: CheckContext) -> Iterator[Diagnostic]:
     """Check that no period is so long that it is probably a rate."""
-    slow = {id(outlier.period) for outlier in _outliers(context) if outlier.is_loop}
     for node in context.stack.nodes:
         for name, period in _periods(node):
             if _LEAST_RATE <= period.value <= _MOST_RATE:
@@ -172,7 +171,6 @@ def check_periods(context: CheckContext) -> Iterator[Diagnostic]:
                     "OBK216",
                     f"{name} every {period.value:g} s",
                     period.span,
-                    severity="warning" if id(period) in slow else None,
                     help=f"periods are in seconds; for {period.value:g} Hz write "
                     f"{1 / period.value:g}",
                 )
@@ -182,14 +180,13 @@ def check_outliers(context: CheckContext) -> Iterator[Diagnostic]:
     """Check that no period is 1000 times longer than the others, as if decimals were missing."""
     for outlier in _outliers(context):
         period_s = outlier.period.value
-        if period_s < _LEAST_RATE:  # `check_periods` reports longer ones
-            yield found(
-                "OBK220",
-                f"{outlier.name} every {period_s:g} s, {outlier.others}",
-                outlier.period.span,
-                severity=None if outlier.is_loop else "info",
-                help=f"write {period_s / _OUTLIER:g} if {period_s:g} ms was meant",
-            )
+        yield found(
+            "OBK220",
+            f"{outlier.name} every {period_s:g} s, {outlier.others}",
+            outlier.period.span,
+            severity=None if outlier.is_loop else "info",
+            help=f"write {period_s / _OUTLIER:g} if {period_s:g} ms was meant",
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -219,7 +216,8 @@ def _outliers(context: CheckContext) -> Iterator[_Outlier]:
             others = f"but the shortest period in the loop is {fastest:g} s"
         else:
             continue
-        yield _Outlier(name=name, period=period, others=others, is_loop=is_loop)
+        if period.value < _LEAST_RATE:
+            yield _Outlier(name=name, period=period, others=others, is_loop=is_loop)
 
 
 def _periods(node: Node) -> Iterator[tuple[str, Spanned[float]]]:

@@ -136,8 +136,7 @@ RULES: tuple[Rule, ...] = (
         severity="info",
         title="a period that looks like a rate",
         cause="Periods are in seconds. Periods of 10 s or more are unusual for a loop or a sensor; "
-        "`500` often stands for 500 Hz. For a timer or sensor in the control loop, the finding is "
-        "a warning if the fastest one in the loop is about 1000 times faster.",
+        "`500` often stands for 500 Hz.",
         fix="Write the period, such as `0.002` for 500 Hz. Silence the rule if the long period is "
         "intended.",
     ),
