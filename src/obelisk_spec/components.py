@@ -21,6 +21,7 @@ __all__ = [
     "CONTROL_SUBSCRIPTION",
     "DEFAULT_HISTORY_DEPTH",
     "DEFAULT_STALE_ACTION",
+    "ESTIMATE_SUBSCRIPTION",
     "SETTINGS_PARAMETER",
     "SETTING_SUFFIX",
     "STALE_ACTIONS",
@@ -52,17 +53,20 @@ CALLBACK_GROUP_TYPES: Final = ("MutuallyExclusiveCallbackGroup", "ReentrantCallb
 CONTROL_SUBSCRIPTION: Final = "sub_ctrl"
 """The component that receives a robot's commands; `max_age_sec` is one of its settings."""
 
+ESTIMATE_SUBSCRIPTION: Final = "sub_est"
+"""The component that receives a controller's estimate of the state."""
+
 STALE_ACTIONS: Final = ("zero", "hold", "damp")
 """The robot's possible responses to a stale command."""
 DEFAULT_STALE_ACTION: Final = "zero"
 
 STANDARD_COMPONENTS: Final = (
     "pub_ctrl",
-    "sub_est",
+    ESTIMATE_SUBSCRIPTION,
     "timer_ctrl",
     "pub_est",
     "timer_est",
-    "sub_ctrl",
+    CONTROL_SUBSCRIPTION,
     "pub_true_sim_state",
     "timer_true_sim_state",
 )

@@ -29,7 +29,7 @@ EXIT_FAILED: Final = 1
 EXIT_MISUSE: Final = 2
 EXIT_INTERRUPTED: Final = 130
 EXIT_CLOSED_PIPE: Final = 141
-"""As of a program that SIGPIPE ends: the reader of the output, such as `head`, has exited."""
+"""Exit code of a program killed by SIGPIPE: the reader of its output, as `head`, has exited."""
 
 
 class ObkError(Exception):
@@ -50,7 +50,7 @@ class MisuseError(ObkError):
 
 
 class CommandInterruptedError(ObkError):
-    """Ctrl-C stopped a command that has to say what it leaves behind."""
+    """Ctrl-C stopped a command; the message says what was left unchanged."""
 
     exit_code = EXIT_INTERRUPTED
 

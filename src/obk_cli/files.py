@@ -18,6 +18,7 @@ __all__ = [
     "explain_os_error",
     "is_untrusted",
     "is_within_untrusted",
+    "path_exists",
     "read_bytes",
     "resource_folder",
     "unwritable",
@@ -96,6 +97,11 @@ def is_within_untrusted(path: Path) -> bool:
     """Whether the path or a folder above it is untrusted."""
     whole = path.absolute()
     return any(map(is_untrusted, (whole, *whole.parents)))
+
+
+def path_exists(path: str | Path) -> bool:
+    """Whether a path exists; `Path.exists` raises an error if the name is too long."""
+    return os.path.exists(path)  # noqa: PTH110
 
 
 STATE_MODE = 0o600

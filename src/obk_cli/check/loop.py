@@ -7,7 +7,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import inf
 
-from obelisk_spec.components import CONTROL_SUBSCRIPTION, standard_component
+from obelisk_spec.components import (
+    CONTROL_SUBSCRIPTION,
+    ESTIMATE_SUBSCRIPTION,
+    standard_component,
+)
 from obelisk_spec.suggestions import with_number
 from obk_cli.check.context import CheckContext, code_of
 from obk_cli.check.topics import SHARED_TOPICS
@@ -40,10 +44,10 @@ _HOPS = (
 )
 
 _SINGLE_SENDERS = (
-    ("control", "robot", "which commands the robot"),
-    ("estimation", "control", "which a controller uses as its estimate"),
+    ("control", "robot", None, "which commands the robot"),
+    ("estimation", "control", ESTIMATE_SUBSCRIPTION, "which a controller uses as its estimate"),
 )
-"""Sections of the publishers and the subscribers, and the purpose of the topic."""
+"""Sections of the publishers and the subscribers, subscribing component (None: any), purpose."""
 
 _LEAST_RATE, _MOST_RATE = 10.0, 100_000.0
 """A period [s] between these values is more likely to be a rate [Hz]."""
@@ -106,8 +110,13 @@ def _reached(
 def check_control_topics(context: CheckContext) -> Iterator[Diagnostic]:
     """Check that only one node publishes to each topic of a command or an estimate."""
     endpoints = context.topology.endpoints
-    for section, reader, purpose in _SINGLE_SENDERS:
-        read = {e.topic for e in endpoints if e.section == reader and e.direction == "subscribes"}
+    for section, reader, component, purpose in _SINGLE_SENDERS:
+        read = {
+            end.topic
+            for end in endpoints
+            if (end.section, end.direction) == (reader, "subscribes")
+            and component in (None, standard_component(end.component or ""))
+        }
         senders: dict[str, list[TopicEndpoint]] = defaultdict(list)
         for end in endpoints:
             if end.direction == "publishes" and end.section == section and end.topic in read:

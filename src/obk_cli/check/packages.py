@@ -105,8 +105,8 @@ def _no_executable(answer: ExecutableMissing, place: Span) -> Diagnostic:
             "OBK402",
             f"`{answer.executable}` of package `{answer.package}` does not exist or is not built",
             place,
-            help=f"its {answer.computed_in.name} computes names of executables, and is not run: "
-            f"{_build(answer.package)}",
+            help=f"`obk` does not run its {answer.computed_in.name}, which computes names of "
+            f"executables: {_build(answer.package)}",
         )
     declare = (
         "executables are declared with `add_executable` or `install(PROGRAMS ...)` in "

@@ -77,7 +77,7 @@ def deliver(
         MisuseError: the output is empty, one of these files, or one that a node reads.
     """
     if output == "":
-        raise MisuseError("`--output`: expected a file or folder, not an empty text")
+        raise MisuseError("`--output`: expected a file or folder, but it is empty")
     if output is None or output == STDOUT:
         if isinstance(content, str):
             print(content, end="")

@@ -62,14 +62,13 @@ def command(
     for run in runs:
         note_if_incomplete(run)
     found = compare_runs(runs[0], runs[1])
+    empty = [run.name for run in runs if not run.bag.count]
     if is_json:
         print_json(asdict(found))
-    else:
+    elif not empty:
         print("\n".join([*_table([_head(found), *_rows(found)]), *_summary(found)]))
-    if empty := [run.name for run in runs if not run.bag.count]:
-        raise CommandFailedError(
-            f"there is nothing to compare: {list_names(empty)} contains no messages"
-        )
+    if empty:
+        raise CommandFailedError(f"nothing to compare: no messages in {list_names(empty)}")
 
 
 def difference_lines(found: "RunComparison") -> Iterator[str]:

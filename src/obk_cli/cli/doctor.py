@@ -13,7 +13,7 @@ import typer
 
 from obelisk_spec.suggestions import did_you_mean, with_number
 from obk_cli.cli.config_options import ColourOption, wants_colour
-from obk_cli.cli.options import FormatOption, wants_json
+from obk_cli.cli.options import FormatOption, print_json, wants_json
 from obk_cli.doctor.checks import Answer, Check, checks_of, examine
 from obk_cli.doctor.finding import SEVERITIES, Finding, Severity
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
@@ -110,8 +110,7 @@ def command(
     every = checks_of(os.environ, Path.cwd())
     chosen = _chosen(checks or [], every)
     if list_ and is_json:
-        listed = [{"name": check.name, "about": check.about} for check in chosen]
-        print(json.dumps(listed, indent=1))
+        print_json([{"name": check.name, "about": check.about} for check in chosen])
         raise typer.Exit(EXIT_DONE)
     if list_:
         width = max(len(check.name) for check in every)

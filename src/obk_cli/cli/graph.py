@@ -78,7 +78,8 @@ def command(
 def _require_fit(to: str, output: str | None) -> None:
     """Reject an output file with the extension of another image format."""
     path = Path(output or "")
-    if path.suffix != _PICTURES[to] and path.suffix in _PICTURES.values() and not path.is_dir():
+    ending = path.suffix.lower()
+    if ending != _PICTURES[to] and ending in _PICTURES.values() and not path.is_dir():
         raise MisuseError(
             f"`--to {to}`: `{output}` has the extension of another format",
             help=f"leave out `--to`, or use the extension `{_PICTURES[to]}`",
@@ -89,7 +90,7 @@ def _picture_of(output: str | None) -> str | None:
     """The image format for a file name; None for text."""
     if output is None or output == STDOUT or Path(output).is_dir():
         return None
-    ending = Path(output).suffix
+    ending = Path(output).suffix.lower()
     if ending in ("", _TEXT):
         return None
     for name, known in _PICTURES.items():

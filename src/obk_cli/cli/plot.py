@@ -12,6 +12,7 @@ import typer
 from obelisk_recordings.find import find_recording
 from obk_cli.cli.options import note_if_incomplete
 from obk_cli.errors import MisuseError
+from obk_cli.files import path_exists
 from obk_cli.runs.folder import runs_folder
 
 __all__ = ["EXAMPLE", "command"]
@@ -98,8 +99,7 @@ def _runs_and_fields(words: Sequence[str]) -> tuple[list[str], list[str]]:
         MisuseError: no field is given.
     """
     is_run = [
-        place == 0 or "." not in word or os.path.exists(word)  # noqa: PTH110  (`Path.exists` raises)
-        for place, word in enumerate(words)
+        place == 0 or "." not in word or path_exists(word) for place, word in enumerate(words)
     ]
     runs = [word for word, one in zip(words, is_run, strict=True) if one]
     fields = [word for word, one in zip(words, is_run, strict=True) if not one]

@@ -22,7 +22,7 @@ def command(
         bool, typer.Option("--dry-run", help="List the processes without terminating them.")
     ] = False,
 ) -> None:
-    """Terminate processes, with their children, left over from stacks whose launcher has exited.
+    """Terminate processes left over from stacks whose launcher has exited, and their children.
 
     The command affects only your own processes that `obk launch` started, and never a running
     stack. Exit code 0: no process is left; 1: a process is still running.

@@ -17,9 +17,10 @@ from obk_cli.cli.config_options import (
     valid_plan,
 )
 from obk_cli.cli.options import FormatOption, require_choice, wants_json
-from obk_cli.cli.test import SMOKE, default_tests, lockstep_environment
+from obk_cli.cli.test import default_tests, is_smoke, lockstep_environment
 from obk_cli.compiler import compile_config
 from obk_cli.errors import MisuseError
+from obk_cli.files import path_exists
 from obk_cli.optional_deps import require_extra
 from obk_cli.process.signals import hold_interrupts
 
@@ -158,14 +159,14 @@ def _tests(test: str | None, folder: Path) -> list[str]:
     Raises:
         MisuseError: the file does not exist.
     """
-    if test == SMOKE and not Path(test).exists():
+    if test is not None and is_smoke(test):
         return []
     if test is None:
         beside = default_tests(folder)
         return [] if beside is None else [str(beside)]
     path, colons, name = test.partition("::")
     for start in (Path.cwd(), folder):
-        if (start / path).exists():
+        if path_exists(start / path):
             return [f"{(start / path).resolve()}{colons}{name}"]
     raise MisuseError(
         f"the test `{path}` does not exist",

@@ -31,11 +31,11 @@ from obk_cli.errors import (
     CommandFailedError,
     MisuseError,
 )
-from obk_cli.files import STANDARD_INPUT, unwritable
+from obk_cli.files import STANDARD_INPUT, path_exists, unwritable
 from obk_cli.optional_deps import require_extra
 from obk_cli.plan.plan import Plan
 
-__all__ = ["EXAMPLE", "SMOKE", "command", "default_tests", "lockstep_environment"]
+__all__ = ["EXAMPLE", "command", "default_tests", "is_smoke", "lockstep_environment"]
 
 EXAMPLE = """\b
 Example: obk test my_robot.yaml
@@ -133,8 +133,9 @@ def command(
         raise MisuseError(f"`--seeds {seeds}`: expected a number of seeds, or `=SEED` for one")
     if jobs is not None and jobs < 1:
         raise MisuseError(f"`-j {jobs}`: expected a number of at least 1")
+    names_modules = "--pyargs" in (tests or ())
     for word in takewhile(lambda word: not word.startswith("-"), tests or ()):
-        if not _is_test(word):
+        if not names_modules and not _is_test(word):
             raise MisuseError(
                 f"the test `{word}` does not exist",
                 help="name a test file, a folder or an ID such as tests/test_push.py::test_push, "
@@ -272,21 +273,22 @@ def _tests(given: Sequence[str], folder: Path, output: Path) -> Iterator[str]:
         beside = default_tests(folder)
         named = [SMOKE if beside is None else str(beside)]
         given = [*given, *named]
-    if all(map(_is_smoke, named)):
+    if all(map(is_smoke, named)):
         # The installed module ignores the user's settings and leaves no files beside itself.
         yield from ("-c", os.devnull, "--rootdir", str(folder), "-p", "no:cacheprovider")
     else:
         yield from ("-o", f"cache_dir={output / '.pytest_cache'}")
     for word in given:
-        yield from _smoke_arguments(word) if _is_smoke(word) else (word,)
+        yield from _smoke_arguments(word) if is_smoke(word) else (word,)
 
 
 def _is_test(word: str) -> bool:
-    return _is_smoke(word) or Path(word.partition("::")[0]).exists()
+    return is_smoke(word) or path_exists(word.partition("::")[0])
 
 
-def _is_smoke(word: str) -> bool:
-    return word.partition("[")[0] == SMOKE and not Path(word).exists()
+def is_smoke(word: str) -> bool:
+    """Whether a test's name means the smoke test, which no file hides."""
+    return word.partition("[")[0] == SMOKE and not path_exists(word)
 
 
 def _smoke_arguments(word: str) -> Iterator[str]:
@@ -303,7 +305,7 @@ def _found_again(node_id: str, folder: Path) -> str:
     path, colons, rest = node_id.partition("::")
     if _is_test(node_id):
         return node_id
-    if (folder / path).exists():
+    if path_exists(folder / path):
         return f"{folder / path}{colons}{rest}"
     raise MisuseError(
         f"`--again {node_id}`: file `{path}` not found",

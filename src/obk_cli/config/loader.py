@@ -10,7 +10,7 @@ from pathlib import Path, PurePath
 
 from obelisk_spec.components import component_identity
 from obelisk_spec.suggestions import ask_for, did_you_mean, near_names
-from obelisk_spec.yaml_core import MOST_VALUES, REFERENCE, core_scalar, value_of_reference
+from obelisk_spec.yaml_core import MOST_VALUES, REFERENCE, Scalar, core_scalar, value_of_reference
 from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
 from obk_cli.config.yaml_parser import decode_source, parse_source, too_many_values
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
@@ -235,8 +235,22 @@ class _Replacer:
             message = "the expanded environment variables exceed 10 MiB in total"
             self.faults.append(found("OBK007", message, span))
             return TreeScalar(text, span)
-        is_plain = span.text[:1] not in ("'", '"', "|", ">", "!")
-        return TreeScalar(core_scalar(new) if is_plain else new, span, new)
+        return TreeScalar(_typed(new, span.text), span, new)
+
+
+_PROPERTIES = re.compile(r"(?:[&!]\S*\s+)*")
+"""The anchor and the tag before a value."""
+
+
+def _typed(text: str, written: str) -> Scalar:
+    """The value of a text that variables gave, by the tag and the quotes of the written value."""
+    properties = _PROPERTIES.match(written)
+    tags = properties[0].split() if properties else []
+    is_quoted = written[len(" ".join(tags)) :].lstrip()[:1] in ("'", '"', "|", ">")
+    if "!!str" in tags or (is_quoted and not any(tag.startswith("!!") for tag in tags)):
+        return text
+    value = core_scalar(text)
+    return float(value) if "!!float" in tags and type(value) is int else value
 
 
 def _first_places(span: Span) -> dict[str, Span]:
@@ -427,10 +441,11 @@ class _Includes:
 
     def _fragment(self, written: str, span: Span, chain: Chain) -> TreeMap | None:
         path = _normal(str(PurePath(chain[-1][0]).parent / written))
-        if any(path == open_path for open_path, _ in chain):
-            self.faults.append(_cycle(path, span, chain))
-            return None
         whole = self._files.whole_path(path)
+        for open_path, _ in chain:
+            if whole == self._files.whole_path(open_path):
+                self.faults.append(_cycle(open_path, span, chain))
+                return None
         if whole in self._included:
             return None  # its entries without an identity would be there twice
         self._included.add(whole)

@@ -12,7 +12,7 @@ from typing import NoReturn
 import yaml
 from yaml.events import AliasEvent, MappingStartEvent, ScalarEvent
 
-from obelisk_spec.yaml_core import MOST_VALUES, Scalar, core_scalar
+from obelisk_spec.yaml_core import MOST_VALUES, REFERENCE, Scalar, core_scalar
 from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, plain_value
 from obk_cli.config.yaml_error_context import YAML_LOADER, YamlText, forbidden_character
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
@@ -212,9 +212,12 @@ class _Composer:
         tag = (event.tag or "").removeprefix(_PREFIX)
         if tag not in _TYPES:
             return text if tag == "str" or event.style in _QUOTED_STYLES else core_scalar(text)
+        if REFERENCE.search(text):  # the loader replaces it
+            return text
         value = core_scalar(text)
         if type(value) not in _TYPES[tag]:
-            self.faults.append(found("OBK005", f"`{text}` does not fit the tag `!!{tag}`", span))
+            shown = f"`{text}`" if text else "an empty value"
+            self.faults.append(found("OBK005", f"{shown} does not fit the tag `!!{tag}`", span))
         # `float(value)` would raise for a number that is too large.
         return float(str(value)) if tag == "float" and type(value) is int else value
 

@@ -28,8 +28,12 @@ EntryFunction = tuple[Module, list[ast.stmt]]
 _MOST_MODULES = 500
 """Maximum number of modules of one node that are read for their imports."""
 # Messages need numpy, so every ROS installation has it.
-_OTHERS_OF_ROS = ("ament_index_python", "launch", "launch_ros", "numpy", "rclpy", "tf2_ros")
+_OTHERS_OF_ROS = (
+    *("cv_bridge", "image_geometry", "laser_geometry", "launch", "message_filters", "numpy"),
+    *("rclpy", "rosbag2_py", "rpyutils", "sensor_msgs_py", "tf_transformations", "xacro"),
+)
 _ROS_PACKAGES = frozenset((*OBELISK_MESSAGES, *ROS_MESSAGES, *_OTHERS_OF_ROS))
+_ROS_STARTS = ("ament_", "launch_", "ros2", "rosidl_", "tf2_")
 _ROS_ENDINGS = ("_msgs", "_srvs", "_interfaces")
 _MESSAGE_MODULES = ("action", "msg", "srv")
 _ROS = "ROS 2"
@@ -157,7 +161,8 @@ def _is_of_ros(missing: str, imported: str) -> bool:
     """Whether a missing top-level package is one of ROS 2, or a message package."""
     _, _, submodule = imported.partition(".")
     is_message = missing.endswith(_ROS_ENDINGS) or submodule in _MESSAGE_MODULES
-    return "." not in missing and (missing in _ROS_PACKAGES or is_message)
+    is_library = missing in _ROS_PACKAGES or missing.startswith(_ROS_STARTS)
+    return "." not in missing and (is_library or is_message)
 
 
 def _no_ros(one: _Import, install: str) -> Diagnostic:

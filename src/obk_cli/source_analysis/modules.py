@@ -383,14 +383,24 @@ def value_of(
             return (values[0] is values[1]) is isinstance(op, ast.Is)
         case ast.Name() | ast.Attribute():
             return _named(expression, module, library)
-        case ast.BinOp(left=left, op=ast.Add(), right=right):
-            return _joined(value_of(side, module, library, local) for side in (left, right))
+        case ast.BinOp(op=ast.Add()):
+            terms = _terms(expression)
+            return _joined(value_of(term, module, library, local) for term in terms)
         case ast.JoinedStr(values=parts):
             return _joined(value_of(part, module, library, local) for part in parts)
         case ast.FormattedValue(value=inner, conversion=-1, format_spec=None):
             return value_of(inner, module, library, local)
         case _:
             return UNKNOWN
+
+
+def _terms(expression: ast.expr) -> list[ast.expr]:
+    """The terms of a sum, in a loop because it may have more than Python can recurse into."""
+    terms: list[ast.expr] = []
+    while isinstance(expression, ast.BinOp) and isinstance(expression.op, ast.Add):
+        terms.append(expression.right)
+        expression = expression.left
+    return [expression, *reversed(terms)]
 
 
 def _joined(values: Iterable[Value]) -> Value:

@@ -424,6 +424,8 @@ class _Walk:
         self._calls: tuple[ast.Call, ...] = ()
         self._helpers: dict[Function, bool] = {}
         self._helper_calls = 0
+        self._origin: tuple[ClassSource, Scope] | None = None
+        """The class and the scope of the outermost call of a method that is followed."""
         self._certain: dict[tuple[ast.Call, ...], CodeComponent] = {}
         self.reaches_library = False
 
@@ -553,7 +555,9 @@ class _Walk:
         elif name in _DECLARING and not is_overridden:
             self._declare(name, call, scope, is_certain=is_certain)
         else:
+            before, self._origin = self._origin, self._origin or (source, scope)
             self.helper(name, start, call, scope, is_certain=is_certain)
+            self._origin = before
 
     def _register(
         self,
@@ -588,12 +592,13 @@ class _Walk:
             return
         certain = is_certain and component.is_required
         if place not in self.found.components or certain:
-            types = [v for name, v in scope.local.items() if name.endswith("_msg_type")]
+            first, first_scope = self._origin or (source, scope)
+            types = [v for name, v in first_scope.local.items() if name.endswith("_msg_type")]
             self.found.components[place] = replace(
                 component,
                 is_required=certain,
-                is_of_library=source.is_of_library,
-                has_typed_base=source.is_of_library and any(v is not None for v in types),
+                is_of_library=first.is_of_library,
+                has_typed_base=first.is_of_library and any(v is not None for v in types),
             )
         if not component.is_named_in_full:
             self.found.knows_components = False

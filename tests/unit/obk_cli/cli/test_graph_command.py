@@ -88,10 +88,11 @@ def test_a_form_that_is_no_picture_is_misuse(capsys: pytest.CaptureFixture[str])
 def test_the_format_must_fit_the_extension(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "x.png"
-    assert graph("--to", "svg", "--output", str(path)) == 2
-    assert "x.png" in capsys.readouterr().err
-    assert not path.exists()
+    for name in ("x.png", "x.PNG"):
+        path = tmp_path / name
+        assert graph("--to", "svg", "--output", str(path)) == 2
+        assert name in capsys.readouterr().err
+        assert not path.exists()
     assert graph("--to", "dot", "--output", str(tmp_path / "x.gv")) == 0
 
 

@@ -109,6 +109,30 @@ def test_a_circle_prints_the_chain() -> None:
     assert faults == ["b:1:11: error[OBK009]: files include each other: a -> b -> a"]
 
 
+def test_a_circle_is_found_by_any_path_to_the_first_file() -> None:
+    again = f"../{Path.cwd().name}/top"
+    files = {"top": "include: a\nx: 1", "a": f"include: {again}", again: "x: 1"}
+    value, (fault,) = include(files, "top")
+    assert value == {"x": 1}
+    assert "OBK009" in fault
+
+
+def test_the_tag_of_a_value_with_variables_counts() -> None:
+    text = """
+a: !!float ${N}
+b: !!str ${N}
+c: !!int '${N}'
+d: &x !!str ${N}
+e: '${N}'
+"""
+    resolved, faults = resolve_variables(tree(text), {"N": "3"})
+    values = plain_value(resolved)
+    assert values == {"a": 3.0, "b": "3", "c": 3, "d": "3", "e": "3"}
+    assert isinstance(values, dict)
+    assert type(values["a"]) is float
+    assert faults == ()
+
+
 def test_variables_are_replaced_and_read_again_unless_quoted() -> None:
     text = """
 a: '${N}'

@@ -149,6 +149,21 @@ def test_a_registration_method_that_the_class_overrides_is_followed() -> None:
     assert not code(node("self.register_obk_timer('timer_a', key='a')") + of_any).knows_components
 
 
+def test_components_of_the_bases_stay_theirs_if_the_class_overrides_the_method() -> None:
+    override = """\
+    def register_obk_timer(self, *args, **kwargs):
+        return super().register_obk_timer(*args, **kwargs)
+"""
+    found = code(node("pass", bases="ObeliskController") + override)
+    assert all(component.is_of_library for component in found.components)
+
+
+def test_a_long_sum_of_texts_does_not_end_the_analysis() -> None:
+    long = " + ".join(["'a'"] * 400)
+    found = code(node(f"text = {long}\nself.register_obk_publisher('pub_a_setting')"))
+    assert names(found) == ["pub_a_setting"]
+
+
 def test_names_may_be_constants_of_the_module_or_of_another() -> None:
     body = "from names import TOPIC as T\nNAME = 'pub_a_setting'\n"
     found = code(
