@@ -32,8 +32,7 @@ class RecordedClock:
         stamped = np.concatenate([one for _, one in stamps] or [np.empty(0, np.int64)])
         # In simulated time, which begins near 0, a stamp of today is of a node with another clock.
         is_early = stamped < published // 2
-        if is_early.any():
-            published, stamped = published[is_early], stamped[is_early]
+        published, stamped = published[is_early], stamped[is_early]
         order = np.argsort(published, kind="stable")
         self._published_ns = published[order]
         self._time_ns = np.maximum.accumulate(stamped[order])
@@ -44,14 +43,12 @@ class RecordedClock:
         return len(self._time_ns) > 0
 
     def time_ns(self, published_ns: int) -> int:
-        """The time at a publication [ns]: the latest stamp so far or, without stamps, the same.
-
-        Messages are in the order of receipt, so the time may go back slightly.
-        """
+        """The time at a publication [ns], interpolated between stamps; without stamps, the same."""
         if not self.is_simulated:
             return published_ns
-        place = np.searchsorted(self._published_ns, published_ns, side="right")
-        return int(self._time_ns[max(int(place) - 1, 0)])
+        start_ns = int(self._published_ns[0])
+        times = self._published_ns - start_ns
+        return round(float(np.interp(published_ns - start_ns, times, self._time_ns)))
 
     def published_ns(self, time_ns: int) -> int:
         """When the clock showed a time [ns since 1970], interpolated between stamps."""

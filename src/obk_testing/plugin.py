@@ -228,6 +228,12 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     release_interrupts()
 
 
+def pytest_enter_pdb() -> None:
+    """From now on, leave Ctrl-C to the debugger, which handles it at its prompt."""
+    accept_interrupt()
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 def pytest_keyboard_interrupt() -> None:
     """Do not interrupt the end of the session again."""
     accept_interrupt()

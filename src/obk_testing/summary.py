@@ -100,12 +100,13 @@ def used_overrides(settings: Iterable[str], changes: Sequence[str]) -> set[str]:
 
 
 def _path(setting: str) -> str:
-    """Return the path of a setting in one form: `control[0].params.kd[1]` -> `control.params.kd.1`.
+    """Return the path of a setting in one form: `control.params.kd[1]` -> `control.0.params.kd.1`.
 
-    A mapping counts as a list of one.
+    A section that is a mapping counts as a list of one.
     """
-    path = setting.partition("=")[0].replace("[0]", "")
-    return re.sub(r"\[(\d+)\]", r".\1", path)
+    path = re.sub(r"\[(\d+)\]", r".\1", setting.partition("=")[0])
+    section, dot, rest = path.partition(".")
+    return path if rest[:1].isdecimal() else f"{section}.0{dot}{rest}"
 
 
 def unused_notes(test: str, unused: Iterable[Sequence[str]]) -> Iterator[str]:

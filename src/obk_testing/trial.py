@@ -143,6 +143,9 @@ class StackTrial:
         self._uses: Counter[str] = Counter()
         """Use of random numbers -> how many generators it has."""
         self._looked_at: dict[tuple[str, ...], None] = {}
+        self._compute_s = self._by_full_name(self.schedule.compute)
+        self._start_s = self._by_full_name(self.schedule.bring_up)
+        self._parameters = {n: dict(p) for n, p in self._by_full_name(parameters or {}).items()}
         self._lockstep = LockstepRun(
             seed=seed,
             timing=TimingModel(
@@ -168,9 +171,6 @@ class StackTrial:
                 f"set={[option]}: warning[{warning.code}]: {warning.message}"
                 + (f"; {warning.help}" if warning.help else ""),
             )
-        self._compute_s = self._by_full_name(self.schedule.compute)
-        self._start_s = self._by_full_name(self.schedule.bring_up)
-        self._parameters = {n: dict(p) for n, p in self._by_full_name(parameters or {}).items()}
         if keyframe is not None:
             simulators = [node for node in stack.plan.nodes if node.model]
             for node in simulators:
@@ -452,7 +452,7 @@ class StackTrial:
         scheduler, scheduled = self._lockstep.scheduler, self._scheduled(node)
         self._log_intervention(f"freeze {node}", duration)
         scheduler.freeze(scheduled)
-        if duration <= LONGEST_S:
+        if self.t + duration <= LONGEST_S:
             self.at(self.t + duration, lambda: scheduler.thaw(scheduled))
 
     def kill(self, node: str) -> None:

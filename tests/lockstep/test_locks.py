@@ -1,5 +1,6 @@
 """Locks of nodes in lockstep, held by a thread that sleeps."""
 
+import gc
 import queue
 import socket
 import threading
@@ -144,6 +145,30 @@ def test_a_callback_waits_for_a_lock_of_a_thread_outside_lockstep(world: World) 
     assert node.acquired == pytest.approx([0.2])
 
 
+def test_waiting_in_vain_for_a_thread_outside_lockstep_takes_simulated_time(world: World) -> None:
+    node = _idle_bus(world)
+    ours, its = socket.socketpair()
+    tries: list[float] = []
+
+    def listen() -> None:
+        with node.lock:
+            its.recv(1)
+
+    def try_until_the_deadline() -> None:
+        while seconds(node) < 0.25:
+            tries.append(seconds(node))
+            assert not node.lock.acquire(timeout=0.02)
+
+    thread = threading.Thread(target=listen)
+    with ours, its:
+        world.at(node, 0.1, thread.start)
+        world.at(node, 0.2, try_until_the_deadline)
+        world.run(0.3)
+        ours.send(b"1")
+        thread.join(5.0)
+    assert tries == pytest.approx([0.2, 0.22, 0.24])
+
+
 def test_a_simulator_of_the_user_may_hold_a_lock(world: World) -> None:
     node = _idle_bus(world)
     thread = node.surroundings.make_thread(node, node.transfer, "simulator")
@@ -164,6 +189,26 @@ def test_a_thread_that_waits_for_a_lock_ends_with_the_run(world: World) -> None:
     for thread in (node.thread, waiting):
         thread.join(5.0)
         assert not thread.is_alive()
+
+
+@pytest.mark.parametrize("name", ["Condition", "Condition(Lock)"])
+def test_a_thread_that_waits_for_a_notification_ends_without_an_error(
+    world: World, name: str, recwarn: pytest.WarningsRecorder
+) -> None:
+    node = _bus(world, name)
+
+    def consume() -> None:
+        with node.lock:
+            node.lock.wait()
+
+    consumer = threading.Thread(target=consume)
+    world.at(node, 0.1, consumer.start)
+    world.run(0.2)
+    world.close()
+    consumer.join(5.0)
+    assert not consumer.is_alive()
+    gc.collect()
+    assert not [warning for warning in recwarn if "Thread" in str(warning.category)]
 
 
 def test_only_code_of_nodes_gets_locks_in_simulated_time(world: World) -> None:

@@ -56,6 +56,13 @@ def test_components_of_the_config_run_on_simulated_time(start: Start) -> None:
     assert not run.notes
 
 
+def test_a_trial_that_cannot_begin_leaves_no_thread(start: Start) -> None:
+    before = set(threading.enumerate())
+    with pytest.raises(LookupError):
+        start(parameters={"nobody": {}})
+    assert set(threading.enumerate()) == before
+
+
 def test_warnings_about_overrides_are_notes(start: Start) -> None:
     (note,) = start("control.params.fualt=compute").run(0.1).notes
     assert "OBK409" in note

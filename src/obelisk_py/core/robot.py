@@ -265,7 +265,7 @@ class ObeliskRobot(ABC, ObeliskNode):
         if self._becomes_stale():
             try:
                 self.guarded(self._act_on_old_commands)()
-            except BaseException as error:  # `sys.exit()` would end only this thread
+            except SystemExit as error:  # it would end only this thread
                 self.fail(error, "the action on stale commands")
 
     def _report_hanging_action(self) -> None:

@@ -39,6 +39,8 @@ A reliable subscription detects missing messages by the publisher's heartbeats, 
 """
 _BEST_EFFORT_WAIT_S: Final = 0.05
 """The same for a best-effort subscription, whose messages DDS may lose [s]."""
+_SUSPENDED_S: Final = 1.0
+"""Minimum delay of a release that shows that the process was suspended [s]."""
 _NO_BYTES: Final = bytes(4)
 """The answer to `FIONREAD` if no packet is waiting."""
 _REMEMBERED: Final = 64
@@ -246,7 +248,8 @@ class PublisherInbox:
             if connection.release_s > now_s:
                 continue
             waits_for_packets = self._is_reliable and connection.is_missing_packets
-            was_suspended = now_s > connection.release_s + self._wait_s  # and DDS with this process
+            # And DDS with this process; a busy callback is no reason to wait again.
+            was_suspended = now_s > connection.release_s + max(self._wait_s, _SUSPENDED_S)
             if now_s < inf and (waits_for_packets or was_suspended):
                 connection.release_s = now_s + self._wait_s
             else:

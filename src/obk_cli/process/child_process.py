@@ -137,9 +137,12 @@ def run_in_foreground(
     bound = [*_binding(), *command]
     if releases_interrupts:
         hold_interrupts()
-    with subprocess.Popen(bound, env=dict(environment)) as child, handle_end_signals(end):
+    try:
+        with subprocess.Popen(bound, env=dict(environment)) as child, handle_end_signals(end):
+            release_interrupts()
+            exit_code = child.wait()
+    finally:
         release_interrupts()
-        exit_code = child.wait()
     return None if received_s else exit_code
 
 

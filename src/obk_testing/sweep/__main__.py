@@ -217,13 +217,16 @@ def _require_tests(worker: WorkerProcess, request: SweepRequest) -> tuple[FoundT
 def _inputs(compiled: CompiledStack, modules: Sequence[str]) -> Iterator[Path]:
     """Yield the files that results depend on, as far as they can be found without running."""
     yield from _inputs_of_config(compiled)
+    configs: dict[Path, None] = {}
     for path in map(Path, modules):
         yield path
         yield from (folder / "conftest.py" for folder in path.parents)
-        for config in _named_configs(path):
-            yield config
-            with suppress(ObkError):  # another YAML file, or a config that no test starts
-                yield from _inputs_of_config(compile_stack(config))
+        configs |= {config.resolve(): None for config in _named_configs(path)}
+    configs.pop(Path(compiled.config).resolve(), None)
+    for config in configs:
+        yield config
+        with suppress(ObkError):  # another YAML file, or a config that no test starts
+            yield from _inputs_of_config(compile_stack(config))
 
 
 def _inputs_of_config(compiled: CompiledStack) -> Iterator[Path]:

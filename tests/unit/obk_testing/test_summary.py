@@ -107,5 +107,6 @@ def test_a_test_that_sets_a_value_itself_does_not_use_the_override() -> None:
     assert used_overrides(settings, ()) == {"control.params.kd[1]", "robot.x"}
     for own in ("control.params.kd[1]=4", "control[0].params.kd[1]=4", "control.params={}"):
         assert used_overrides(settings, (own,)) == {"robot.x"}
-    for other in ("control.params.k=4", "control.params.kd[10]=4", "control.params.kd[1].x=4"):
+    others = ("control.params.k=4", "control.params.kd[10]=4", "control.params.kd[1].x=4")
+    for other in (*others, "control.params.kd[0]=5", "control[1].params.kd[1]=5"):
         assert len(used_overrides(settings, (other,))) == 2

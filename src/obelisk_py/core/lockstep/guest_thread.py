@@ -93,7 +93,7 @@ class Guest:
             if not self._is_ending:
                 body()
         except BaseException as error:
-            if not (self._is_ending and isinstance(error, SystemExit)):
+            if not self._is_ending:  # otherwise waits end early, without what they wait for
                 self._error = error
                 raise
         finally:

@@ -365,6 +365,8 @@ def _wait_for_lock(lock: NodeLock, timeout: float) -> bool:
     run = _process.inside()
     if run is None or (run.has_threads and not run.has_guest(lock.holder)):
         is_acquired: bool = lock.real.acquire(timeout=timeout)
+        if run is not None and not is_acquired:
+            run.scheduler.sleep(timeout)  # loops end when the time is over
         return is_acquired
     return run.wait(lock.take, limit_s)
 

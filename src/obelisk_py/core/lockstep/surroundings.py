@@ -190,6 +190,7 @@ class LockstepRun:
 
     def close(self) -> None:
         """Stop the threads of the run and of the nodes' code, and release all nodes."""
+        self._limit.close()
         for guest in self.interception.guests:
             guest.end()
         self.scheduler.clear()
@@ -199,7 +200,6 @@ class LockstepRun:
             topic.subscribers = ()
             topic.publishers.clear()
         self.executor.shutdown()
-        self._limit.close()
 
 
 class _GlobalGenerators:

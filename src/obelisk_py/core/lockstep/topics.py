@@ -73,7 +73,7 @@ class Topic:
         self.is_watched = is_watched
         """Whether the topic counts as subscribed even without a subscription."""
         self.lacked_subscribers = False
-        """Whether a publisher has asked for the number of subscriptions, and none existed."""
+        """Whether none existed when a publisher last asked for the number of subscriptions."""
 
     def delay_ns(self, sent_ns: int, message: Any) -> int | None:
         """The delay that the rules add to a message or its bytes [ns]; None if one drops it."""

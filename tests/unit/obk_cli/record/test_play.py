@@ -119,20 +119,27 @@ def test_replayed_nodes_have_the_time_of_the_recorded_ones(
         clock.time_ns(one.published_ns) / SECOND for one in messages_in_order(run.path, run.topics)
     ]
     assert times == pytest.approx(seconds)
+    between_s = clock.time_ns(round(100.25 * SECOND)) / SECOND
+    assert between_s == pytest.approx(1.5 if is_simulated else 100.25)
     back = [clock.published_ns(round(one * SECOND)) / SECOND for one in (0.5, 1.0, 1.5, 2.0, 4.0)]
     assert back == ([99.5, 100.0, 100.25, 100.5, 102.0] if is_simulated else [0.5, 1, 1.5, 2, 4])
 
 
-def test_stamps_in_wall_time_do_not_move_simulated_time(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("stamps_s", "time_s"), [({"/imu": 2, "/joy": 1000}, 2), ({"/imu": 999, "/joy": 1000}, 1000)]
+)
+def test_stamps_in_wall_time_do_not_move_simulated_time(
+    tmp_path: Path, stamps_s: dict[str, int], time_s: int
+) -> None:
     path = tmp_path / "a.mcap"
     plan = {"processes": [{"node": "est", "parameters": {"use_sim_time": True}}]}
     with BagWriter(path) as writer:
         writer.describe({}, {"plan.json": json.dumps(plan)}, 0)
-        for name, stamp_s in (("/imu", 2), ("/joy", 1000)):
+        for name, stamp_s in stamps_s.items():
             channel = writer.add_topic(name, "my_msgs/msg/Imu", HEADER, {})
             data = struct.pack("<4sIIIxxxxd", b"\0\1\0\0", stamp_s, 0, 0, 7.0)
             writer.add_message(channel, data, 1000 * SECOND, 1000 * SECOND, 0)
-    assert RecordedClock(open_run(path)).time_ns(1000 * SECOND) == 2 * SECOND
+    assert RecordedClock(open_run(path)).time_ns(1000 * SECOND) == time_s * SECOND
 
 
 @pytest.mark.parametrize(

@@ -544,6 +544,10 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
     def _rejection_of(self, _control_msg: ObeliskControlMsg) -> None:
         """Accept everything here, because the inbox checks the fields that the simulation reads."""
 
+    def _reject_by_answer(self) -> None:
+        if self._inbox is None or not self._inbox.has_rejected:
+            super()._reject_by_answer()  # otherwise the inbox has counted it, with its reason
+
     def _applies(self, control_msg: ObeliskControlMsg) -> bool:
         """Apply a command; false if `apply_control` or the inbox rejects it.
 
