@@ -199,7 +199,8 @@ def parse_module(name: str, found: FoundSource) -> Module:
         for bound, value in _bindings(statement, name, found.is_package):
             is_same = bound not in names or names[bound] == value
             names[bound] = value if is_same else None
-    names.update(dict.fromkeys(_names_of_functions(tree)))
+    if "global" in found.source.text:  # few modules need the slow walk
+        names.update(dict.fromkeys(_names_of_functions(tree)))
     stars = any(
         isinstance(s, ast.ImportFrom) and any(alias.name == "*" for alias in s.names)
         for s in statements

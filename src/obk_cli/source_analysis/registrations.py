@@ -82,14 +82,15 @@ def _assigned_names(function: Function) -> tuple[str, ...]:
 
 @lru_cache(maxsize=1_000)
 def _constants(function: Function) -> tuple[tuple[str, ast.expr], ...]:
-    """The local names that are bound only once, by `name = value`, in source order."""
-    bound = Counter(stored_names(function))
+    """The local names that are bound only once, to a constant or text, in source order."""
     found: list[tuple[str, ast.expr]] = []
     for statement in at_top_level(function.body):
         match statement:
-            case ast.Assign(targets=[ast.Name(id=name)], value=value) if bound[name] == 1:
-                found.append((name, value))
-    return tuple(found)
+            case ast.Assign(targets=[ast.Name(id=name)], value=value):
+                if isinstance(value, ast.Constant | ast.JoinedStr | ast.BinOp | ast.Name):
+                    found.append((name, value))
+    bound = Counter(stored_names(function)) if found else Counter[str]()
+    return tuple((name, value) for name, value in found if bound[name] == 1)
 
 
 @dataclass(frozen=True, slots=True)
