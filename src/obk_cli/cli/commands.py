@@ -101,7 +101,7 @@ GROUPS: Final[Mapping[str, Mapping[str, Verb]]] = MappingProxyType(
                 "obk_cli.cli.compile", "Convert a config to parameters, a launch file or JSON."
             ),
             "migrate": Verb(
-                "obk_cli.cli.migrate", "Convert a config to the current syntax, or back."
+                "obk_cli.cli.migrate", "Convert a config to the newer syntax, or back."
             ),
             "schema": Verb("obk_cli.cli.schema", "Print the JSON schema of configs."),
         },

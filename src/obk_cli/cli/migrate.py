@@ -32,8 +32,8 @@ def command(
         str,
         typer.Option(
             metavar="key|seed",
-            help="`key`: sections at the top level, components by `key`; `seed`: device blocks "
-            "and `ros_parameter`.",
+            help="`key`: the newer syntax, with sections at the top level and components by "
+            "`key`; `seed`: the older one, with device blocks and `ros_parameter`.",
         ),
     ] = "key",
     diff: Annotated[bool, typer.Option("--diff", help="Show what would change.")] = False,
@@ -43,7 +43,7 @@ def command(
     ] = False,
     color: ColourOption = "auto",
 ) -> None:
-    """Convert a config to the current syntax, or back. Prints the result by default.
+    """Convert a config to the newer syntax, or back. Prints the result by default.
 
     Anything that cannot be migrated is left unchanged and reported on stderr with its location.
     Included files are not migrated. Exit code 0: done; 1: the file is not a readable config, or

@@ -52,7 +52,7 @@ def command(
         str,
         typer.Option(
             metavar="|".join(get_args(OnCrash)),
-            help="Rule for crashes and hangs, as in `obk launch`.",
+            help="Policy for nodes without their own `on_crash`, as in `obk launch`.",
         ),
     ] = "stop",
     node: Annotated[
@@ -78,9 +78,9 @@ def command(
 ) -> None:
     """Test how a stack with a simulated robot reacts when its nodes fail.
 
-    Each node is delayed (stopped for a second, which must have no effect), frozen and killed. The
-    launcher's reaction is compared with its rules. The stack is visible on this host only. Exit
-    code 0: all reactions are as expected; 1: one is not, or the config has errors.
+    Each node is delayed (suspended for 1 s, which must have no effect), frozen and killed. The
+    launcher's reaction is compared with the node's `on_crash` policy. The stack is visible on this
+    host only. Exit code 0: all reactions are as expected; 1: one is not, or the config has errors.
     """
     is_json = wants_json(format)
     if config == "-":
