@@ -99,7 +99,7 @@ _CALLS: Final[Mapping[str, tuple[str, str, str]]] = {
         _REAL_CLOCKS,
         ("OBK603", "`{}` is not simulated", "read `self.t`, or `time.monotonic()`"),
     ),
-    "uuid.uuid1": ("OBK603", "`{}` uses the real time", "use `uuid.uuid4`, which repeats"),
+    "uuid.uuid1": ("OBK603", "`{}` reads the real clock", "use `uuid.uuid4`, which repeats"),
     **dict.fromkeys(
         _COMPILED,
         (

@@ -180,7 +180,7 @@ class Guest:
                 return
         raise LockstepError(
             f"the thread `{self._thread.name}` of {self.node.name} neither slept nor ended within "
-            f"{LONGEST_TURN_S:g} s: a thread in lockstep must call `time.sleep`. It is in\n"
+            f"{LONGEST_TURN_S:g} s: a thread in lockstep must wait, as in `time.sleep`. It is in\n"
             f"{self._stack()}"
         )
 

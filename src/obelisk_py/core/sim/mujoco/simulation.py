@@ -207,7 +207,7 @@ class StepWarnings:
                 where = self._owner(kind, int(self._stats[kind].lastinfo))
                 return (
                     f"the simulation diverged at {self._data.time:.4f} s: the {quantity} of "
-                    f"{where} is not finite or larger than 1e10 "
+                    f"{where} is NaN, infinite or beyond 1e10 "
                     "(a smaller time step or lower gains may help)"
                 )
         return None

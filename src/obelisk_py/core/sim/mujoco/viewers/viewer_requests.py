@@ -144,9 +144,9 @@ def read_request(text: str, model: mujoco.MjModel) -> Request:
     try:
         data = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise RequestError("the request is no JSON") from error
+        raise RequestError("the request is not JSON") from error
     if not isinstance(data, dict):
-        raise RequestError("the request is no JSON object")
+        raise RequestError("the request is not a JSON object")
     match data.get(_KIND):
         case "pause":
             return PauseRequest(is_paused=_flag(data, "is_paused"))
@@ -160,7 +160,7 @@ def read_request(text: str, model: mujoco.MjModel) -> Request:
         case "push":
             return _push(data, model)
         case kind:
-            raise RequestError(f"unknown request {kind!r}; there are: {', '.join(_KINDS)}")
+            raise RequestError(f"unknown request {kind!r}; expected one of: {', '.join(_KINDS)}")
 
 
 def movable_bodies(model: mujoco.MjModel) -> tuple[str, ...]:
