@@ -183,7 +183,7 @@ _MEASURED_BY: Final[Mapping[str, str]] = {
 """Noisy field -> the sensor type that sets it; any sensor of the group may set other fields."""
 
 _UNDELAYED: Final = frozenset({"ObkImage"})
-"""Groups that publish a message as soon as it is ready, at any simulation time."""
+"""Groups that publish a message as soon as it is ready, at any simulated time."""
 
 
 def check_noise(

@@ -26,7 +26,7 @@ __all__ = [
 ]
 
 VIDEO_RATES: Final[Mapping[str, int]] = MappingProxyType({".mp4": 30, ".gif": 15, ".png": 30})
-"""File suffix -> default frames per second of simulation time."""
+"""File suffix -> default frames per second of simulated time."""
 _HIGHEST_RATES: Final = MappingProxyType({".mp4": 240, ".gif": 50, ".png": 240})
 """A GIF counts time in 1/100 s, and browsers slow down frames of 1/100 s."""
 _SIZE: Final = re.compile(r"([0-9]{1,5})x([0-9]{1,5})")
@@ -53,7 +53,7 @@ class VideoSettings:
     size: tuple[int, int] | None
     """Width and height [pixels]; None for the camera's own size."""
     rate_hz: int
-    """Frames per second of simulation time."""
+    """Frames per second of simulated time."""
 
 
 def read_video(path: str, camera: str, size: str, rate_hz: int) -> VideoSettings:

@@ -196,7 +196,7 @@ class TimerTicks:
 
 
 class SampleTicks:
-    """Counts samples in simulation time; a sample is due when it is taken, so none is late.
+    """Counts samples in simulated time; a sample is due when it is taken, so none is late.
 
     The lateness of steps in wall time is measured with the steps.
     """
@@ -206,8 +206,8 @@ class SampleTicks:
 
         Args:
             counter: receives the samples.
-            period_ns: simulation time between two samples [ns].
-            clock: returns the current simulation time [ns].
+            period_ns: simulated time between two samples [ns].
+            clock: returns the current simulated time [ns].
         """
         self._counter = counter
         self._period_ns = period_ns
@@ -365,7 +365,7 @@ class RateReporter:
     def expect_samples(
         self, name: str, period_s: float, clock: Callable[[], int]
     ) -> Callable[[], None]:
-        """Monitor a sensor group in simulation time, and return the function to call per sample."""
+        """Monitor a sensor group in simulated time, and return the function to call per sample."""
         counter = TickCounter()
         self.expect(name, 1 / period_s, counter, clock)
         return SampleTicks(counter, period_ns=round(period_s * NS_PER_S), clock=clock).tick

@@ -21,7 +21,7 @@ __all__ = [
 ]
 
 REALTIME_FACTOR: Final = "realtime_factor"
-"""The parameter for simulation time over wall time; 0: as fast as possible."""
+"""The parameter for simulated time over wall time; 0: as fast as possible."""
 
 AskFactor = Callable[[str], NodeParameter]
 """Queries a node (full name) for the parameter; raises CommandFailedError without an answer."""

@@ -140,7 +140,7 @@ class DelayLine:
 
         Args:
             delay_s: delay of a message [s], > 0.
-            step_s: simulation time per step [s].
+            step_s: simulated time per step [s].
         """
         self._steps = whole_steps(delay_s, step_s)
         self._held: deque[tuple[int, Any]] = deque()

@@ -5,7 +5,7 @@ geoms share one output. Without a subscriber, no ray is cast, no image is render
 sent, except for groups with noise or dropout: their random numbers must not depend on who
 subscribes. Groups without noise, dropout and delay have no extra cost.
 
-`SimulationClock` outputs the simulation time. It writes the time to the launch's clock page after
+`SimulationClock` outputs the simulated time. It writes the time to the launch's clock page after
 each step, for the launch's Python nodes on this host. For all other nodes it publishes `/clock`, at
 a limited rate and only while it has subscribers.
 """
@@ -56,7 +56,7 @@ CLOCK_DEPTH: Final = 10
 """For a reliable publisher, which matches reliable and best-effort subscriptions. Nodes request
 best effort and depth 1 (`ClockQoS` of rclcpp)."""
 MonitorRate = Callable[[str, float], Callable[[], None]]
-"""Topic, simulation time between two samples [s] -> function to call per sample."""
+"""Topic, simulated time between two samples [s] -> function to call per sample."""
 
 
 class SubscriberCheck:
@@ -324,7 +324,7 @@ class SimulationClock:
             make_publisher: creates a publisher of the robot.
             page: the launch's clock page; None if it has none.
             rate_hz: maximum rate of messages [Hz of simulated time].
-            time_ns: returns the simulation time [ns].
+            time_ns: returns the simulated time [ns].
         """
         self._publisher = make_publisher(Clock, CLOCK_TOPIC, CLOCK_DEPTH)
         self._check = SubscriberCheck(self._publisher.get_subscription_count)

@@ -3,7 +3,7 @@
 Inputs: the `sim` block as a string in the ROS parameter `mujoco_setting`, and control messages.
 Outputs: the block's sensor groups, `TrueSimState`, markers of geoms, `~/rtf`, and `/clock` with
 `use_sim_time`. Services: `~/reset`, `~/pause`, `~/step`. The stepping thread publishes everything
-that is sampled in simulation time.
+that is sampled in simulated time.
 """
 
 import threading
@@ -148,7 +148,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
     to `_set_shared_ctrl(ctrl)`, or another message to `super().apply_control(message)`.
 
     ROS parameters: `mujoco_setting` (the sim block), `ic_keyframe` (default: `ic` if the model has
-    it), `realtime_factor` (simulation time per wall time; 0 for as fast as possible; a configured
+    it), `realtime_factor` (simulated time per wall time; 0 for as fast as possible; a configured
     node accepts other values above 0), `clock_rate` (maximum rate of `/clock` [Hz of simulated
     time]), `viewer` (`none`, `native`, `web`), `viewer_port` (port of the web viewer; 0 for any
     free port), `render` (video file), `render_camera`, `render_size`, `render_fps` (empty or 0 for

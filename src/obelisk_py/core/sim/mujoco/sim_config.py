@@ -169,7 +169,7 @@ def _group(group: Mapping[str, Any]) -> SensorGroupConfig:
 
 
 def realtime_factor_of(value: object) -> float:
-    """Check the real-time factor: simulation time per wall time; 0 for as fast as possible.
+    """Check the real-time factor: simulated time per wall time; 0 for as fast as possible.
 
     Raises:
         ObeliskConfigError: the value is invalid.

@@ -1,7 +1,7 @@
 """Step a model and its state, without threads, ROS or a wall clock.
 
 Controls come from a `ControlInbox`. The result is the state in `data`; its sensor values always
-belong to the latest state. MuJoCo's warnings are returned as sentences with the simulation time and
+belong to the latest state. MuJoCo's warnings are returned as sentences with the simulated time and
 the joint.
 """
 
@@ -99,7 +99,7 @@ class Simulation:
 
     @property
     def next_step_ns(self) -> int:
-        """Length of the next step in simulation time [ns]; the lengths add up without drift."""
+        """Length of the next step in simulated time [ns]; the lengths add up without drift."""
         return self._step_time.ns(self.steps + 1) - self._step_time.ns(self.steps)
 
     def reset(self, keyframe: str | None) -> None:

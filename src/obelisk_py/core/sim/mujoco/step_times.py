@@ -99,7 +99,7 @@ class StepTime:
     """Simulation time of a step, computed from the step count so that it does not drift."""
 
     def __init__(self, step_s: float) -> None:
-        """Set the simulation time per step [s], > 0."""
+        """Set the simulated time per step [s], > 0."""
         self._ns, self._per = (_meant(step_s) * NS_PER_S).as_integer_ratio()
 
     def ns(self, steps: int) -> int:
@@ -121,8 +121,8 @@ class SampleTimes:
         """Start at step 0.
 
         Args:
-            period_s: simulation time between two samples [s], > 0.
-            step_s: simulation time of a step [s], > 0.
+            period_s: simulated time between two samples [s], > 0.
+            step_s: simulated time of a step [s], > 0.
         """
         self._steps, self._per = (_meant(period_s) / _meant(step_s)).as_integer_ratio()
         self.next_step = 0

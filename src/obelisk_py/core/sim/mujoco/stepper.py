@@ -55,7 +55,7 @@ class TimedOutput:
 
 
 class TimeOutput(Protocol):
-    """Publishes the simulation time."""
+    """Publishes the simulated time."""
 
     def advance(self) -> None:
         """Publish the time after steps."""
@@ -160,7 +160,7 @@ class Stepper:
         """Change the speed of the steps from the next `run` on; may be called on any thread.
 
         Args:
-            realtime_factor: simulation time per wall time, > 0.
+            realtime_factor: simulated time per wall time, > 0.
         """
         self._pace = Pace(self._simulation.step_s / realtime_factor)
 
@@ -253,7 +253,7 @@ def _next_batch(count: int, took_ns: int) -> int:
 
 
 class _Meter:
-    """Compares simulation time with wall time, second by second."""
+    """Compares simulated time with wall time, second by second."""
 
     def __init__(self, *, now_ns: int, steps: int, step_s: float) -> None:
         self._step_s = step_s

@@ -1,6 +1,6 @@
 """Render a video in a separate process: receive states, and write one file at the end.
 
-Video time is simulation time. A frame that cannot be rendered in time is dropped: the previous one
+Video time is simulated time. A frame that cannot be rendered in time is dropped: the previous one
 is shown longer, so the video plays at the correct speed, and dropped frames are counted.
 
 One thread renders, and another one finishes the video. The rendering thread has a lower priority
@@ -51,7 +51,7 @@ class FrameCounter:
     """Counts the frames of a video."""
 
     def __init__(self, rate_hz: int) -> None:
-        """Start a video with a number of frames per second of simulation time."""
+        """Start a video with a number of frames per second of simulated time."""
         self._rate_hz = rate_hz
         self._first = 0
         """Number of the frame at `_start_s`."""
@@ -64,7 +64,7 @@ class FrameCounter:
         """Assign a frame to a state.
 
         Args:
-            time_s: simulation time of the state [s].
+            time_s: simulated time of the state [s].
 
         Returns:
             The frame's number; None if the frame already has a state.
@@ -88,7 +88,7 @@ class VideoRecording:
         Args:
             states: must be at the first state.
             video: receives the images.
-            rate_hz: frames per second of simulation time.
+            rate_hz: frames per second of simulated time.
         """
         self._states = states
         self._video = video

@@ -2,7 +2,7 @@
 
 On the robot's side, each `send` sends one packet with MuJoCo's flat state vector. It never blocks:
 if there is no space, the state is dropped and counted. On the viewer's side, `data` of the same
-model is set to the received state. Times in the states are simulation time. The robot also sends
+model is set to the received state. Times in the states are simulated time. The robot also sends
 reports (`viewer_requests`), on a thread that may wait.
 
 The link is a pair of SOCK_SEQPACKET sockets: packets stay whole and in order, and each side detects
@@ -241,7 +241,7 @@ class VideoJob:
     """[pixels]"""
     height: int
     rate_hz: int
-    """Frames per second of simulation time."""
+    """Frames per second of simulated time."""
 
     def to_arguments(self) -> tuple[str, ...]:
         """The command-line argument of the process."""
