@@ -263,8 +263,7 @@ RULES: tuple[Rule, ...] = (
         severity="warning",
         title="`time_step` differs from the model's",
         cause="The simulator uses the config's `time_step` instead of the step for which the "
-        "model was tuned. The original Obelisk, which requires a full ROS 2 installation, ignores "
-        "`time_step` and uses the model's.",
+        "model was tuned. The original Obelisk ignores `time_step` and uses the model's.",
         fix="Remove `time_step` to reproduce the original's results, or make the two values equal.",
     ),
     Rule(

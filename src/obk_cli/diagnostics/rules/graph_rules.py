@@ -87,8 +87,8 @@ RULES: tuple[Rule, ...] = (
         title="two controllers or two estimators publish to one topic",
         cause="The robot executes whichever command arrives last, and a controller receives the "
         "estimates of both estimators in turn.",
-        fix="Remove one of the two, or give each its own topic. Of two controllers of the same "
-        "part of the robot, one can forward the other's commands.",
+        fix="Remove one of the two, or give each its own topic. If two controllers move the same "
+        "part of the robot, let one of them forward the commands of the other.",
     ),
     Rule(
         code="OBK211",

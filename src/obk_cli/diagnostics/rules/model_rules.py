@@ -23,8 +23,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK302",
         severity="error",
         title="MuJoCo cannot load or simulate the model",
-        cause="MuJoCo cannot read the file, and the message shows its error. Or the time step is "
-        "not a positive number.",
+        cause="Either MuJoCo cannot read the file, and the message shows its error, or the time "
+        "step is not a positive number.",
         fix="Fix the model at the reported line.",
     ),
     Rule(
@@ -75,8 +75,8 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a joint sensor on a ball or free joint",
         cause="Joint encoders measure one value per joint.",
-        fix="Use a sensor on a hinge or slide joint. Remove the other one from the model, because "
-        "MuJoCo does not load a model that has it.",
+        fix="Use a sensor on a hinge or slide joint, and remove this one from the model: MuJoCo "
+        "does not load a model that has it.",
     ),
     Rule(
         code="OBK310",
