@@ -1,4 +1,4 @@
-"""Check the arguments of a test's actions, so that a mistake fails the test and no node."""
+"""Check the arguments of a test's actions, so that a mistake fails the test, not a node."""
 
 import math
 from collections.abc import Sequence

@@ -325,8 +325,8 @@ class StackTrial:
 
         Args:
             topic: full name.
-            share: 0 to 1.
-            duration: duration [s].
+            share: fraction of the messages to drop, 0 to 1.
+            duration: how long messages are dropped [s].
 
         Raises:
             LookupError: no node has the topic.
@@ -365,7 +365,7 @@ class StackTrial:
             topic: full name.
             field: a float or double, or an array of them, at the top level of the message.
             sigma: standard deviation, in the unit of the field.
-            duration: duration [s].
+            duration: how long noise is added [s].
 
         Raises:
             LookupError: the messages have no such field, or it has another type.

@@ -64,7 +64,7 @@ class ObeliskRobot(ABC, ObeliskNode):
     Registers the subscription `sub_ctrl` -> `apply_control` with the ROS parameter
     `sub_ctrl_setting`. Subclasses register the publishers of their sensors.
 
-    With `max_age_sec` in the settings of that subscription, the robot performs `stale_action` if it
+    With `max_age_sec` in the settings of that subscription, the robot executes `stale_action` if it
     accepts no command for this long on the steady clock, even if the executor is busy.
     """
 
