@@ -16,7 +16,7 @@ from obk_cli.source_analysis.modules import (
     span_of,
     value_of,
 )
-from obk_cli.source_analysis.registrations import scope_of
+from obk_cli.source_analysis.scope import scope_of
 from obk_cli.source_analysis.undefined_names import nodes_without_fallback
 
 __all__ = ["control_lengths", "key_uses"]

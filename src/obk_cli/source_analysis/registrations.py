@@ -5,8 +5,6 @@ are used on the way. Values computed at run time count as unknown.
 """
 
 import ast
-from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Final
@@ -18,10 +16,11 @@ from obelisk_spec.registration import (
     bind_registration,
     is_required_by_default,
 )
-from obk_cli.config.environment import CodeComponent, CodeParameter, kind_of_value
+from obk_cli.config.environment import CodeComponent, CodeParameter
 from obk_cli.config.model import ComponentKind
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage
+from obk_cli.source_analysis.declared_parameters import DECLARING, declared_parameters
 from obk_cli.source_analysis.live_parameters import class_parameters
 from obk_cli.source_analysis.modules import (
     UNKNOWN,
@@ -30,15 +29,14 @@ from obk_cli.source_analysis.modules import (
     Module,
     ModuleLibrary,
     Value,
-    at_top_level,
     dotted_name,
     message_type,
     span_of,
-    stored_names,
     value_of,
 )
+from obk_cli.source_analysis.scope import Scope, bound_arguments, scope_of
 
-__all__ = ["Registrations", "registrations_of", "scope_of"]
+__all__ = ["Registrations", "registrations_of"]
 
 _KINDS: Final[dict[str, ComponentKind]] = {
     "register_obk_publisher": "publisher",
@@ -46,51 +44,6 @@ _KINDS: Final[dict[str, ComponentKind]] = {
     "register_obk_timer": "timer",
 }
 """Method -> kind of component that it registers."""
-
-
-@dataclass(frozen=True, slots=True)
-class Scope:
-    """The context of a call: its module, known local names, and the name of `self`."""
-
-    module: Module
-    local: KnownValues
-    self_name: str
-
-    def is_self(self, node: ast.AST) -> bool:
-        """Whether an expression is the node itself."""
-        return isinstance(node, ast.Name) and node.id == self.self_name
-
-
-def scope_of(
-    function: Function, module: Module, library: ModuleLibrary, local: KnownValues
-) -> Scope:
-    """The scope of a method's body; names assigned several times count as computed at run time."""
-    arguments = [*function.args.posonlyargs, *function.args.args]
-    self_name = arguments[0].arg if arguments else ""
-    known = {**local, **dict.fromkeys(_assigned_names(function), UNKNOWN)}
-    for name, value in _constants(function):
-        known[name] = value_of(value, module, library, known)
-    return Scope(module, known, self_name)
-
-
-@lru_cache(maxsize=1_000)
-def _assigned_names(function: Function) -> tuple[str, ...]:
-    """The local names assigned anywhere in a function; cached, because it needs a full walk."""
-    names = (n for n in ast.walk(function) if isinstance(n, ast.Name))
-    return tuple(n.id for n in names if isinstance(n.ctx, ast.Store))
-
-
-@lru_cache(maxsize=1_000)
-def _constants(function: Function) -> tuple[tuple[str, ast.expr], ...]:
-    """The local names that are bound only once, to a constant or text, in source order."""
-    found: list[tuple[str, ast.expr]] = []
-    for statement in at_top_level(function.body):
-        match statement:
-            case ast.Assign(targets=[ast.Name(id=name)], value=value):
-                if isinstance(value, ast.Constant | ast.JoinedStr | ast.BinOp | ast.Name):
-                    found.append((name, value))
-    bound = Counter(stored_names(function)) if found else Counter[str]()
-    return tuple((name, value) for name, value in found if bound[name] == 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,165 +125,6 @@ def _described(value: Value) -> str | ArgumentKind:
 
 def _text(value: Value) -> str | None:
     return value if isinstance(value, str) else None
-
-
-def bound_arguments(
-    function: Function,
-    module: Module,
-    call: tuple[ast.Call, Scope] | None,
-    library: ModuleLibrary,
-    *,
-    is_open: bool,
-) -> KnownValues:
-    """The values of a constructor's parameters; without a call, the defaults.
-
-    `**kwargs` counts as None if it is empty; with `is_open` there may be unknown arguments.
-    """
-    arguments = function.args
-    positional = [*arguments.posonlyargs, *arguments.args]
-    local: dict[str, Value] = {a.arg: UNKNOWN for a in (*positional, *arguments.kwonlyargs)}
-    without_default = len(positional) - len(arguments.defaults)
-    defaults = [
-        *zip(positional[without_default:], arguments.defaults, strict=True),
-        *zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True),
-    ]
-    for parameter, default in defaults:
-        if default is not None:
-            local[parameter.arg] = value_of(default, module, library, {})
-    passed: dict[str, Value] = {}
-    if call is not None:
-        passed, is_open = _passed(positional, call, library)
-    if arguments.kwarg is not None:
-        is_empty = not is_open and passed.keys() <= local.keys()
-        local[arguments.kwarg.arg] = None if is_empty else UNKNOWN
-    if is_open:
-        local.update(dict.fromkeys(local, UNKNOWN))
-    return {**local, **passed}
-
-
-def _passed(
-    positional: list[ast.arg], call: tuple[ast.Call, Scope], library: ModuleLibrary
-) -> tuple[dict[str, Value], bool]:
-    """The arguments by name, and whether there may be unknown ones."""
-    node, scope = call
-    known: dict[str, Value] = {}
-    is_open = False
-    for parameter, argument in zip(positional[1:], node.args, strict=False):
-        if isinstance(argument, ast.Starred):
-            is_open = True
-            break
-        known[parameter.arg] = value_of(argument, scope.module, library, scope.local)
-    for keyword in node.keywords:
-        value = value_of(keyword.value, scope.module, library, scope.local)
-        if keyword.arg is not None:
-            known[keyword.arg] = value
-        elif value is not None:
-            is_open = True
-    return known, is_open
-
-
-_NAMED_KINDS: Final = {
-    "BOOL": "bool",
-    "INTEGER": "int",
-    "DOUBLE": "float",
-    "STRING": "string",
-    "BOOL_ARRAY": "list of bools",
-    "INTEGER_ARRAY": "list of ints",
-    "DOUBLE_ARRAY": "list of floats",
-    "STRING_ARRAY": "list of strings",
-}
-"""`Parameter.Type` of rclpy -> its name in configs."""
-_DECLARING: Final = ("declare_parameter", "declare_parameters")
-_ARGUMENTS: Final = ("name", "value", "descriptor", "ignore_override")
-
-
-def declared_parameters(
-    method: str, call: ast.Call, scope: Scope, library: ModuleLibrary
-) -> tuple[CodeParameter, ...] | None:
-    """What `declare_parameter` or `declare_parameters` declares; None if computed."""
-    given: dict[str | None, ast.expr] = {k.arg: k.value for k in call.keywords}
-    if method == "declare_parameter":
-        given.update(zip(_ARGUMENTS, call.args, strict=False))
-        found = [_declared("", given, call, scope, library)]
-    else:
-        given.update(zip(("namespace", "parameters", "ignore_override"), call.args, strict=False))
-        namespace = value_of(given.get("namespace"), scope.module, library, scope.local)
-        if not isinstance(namespace, str):
-            return None
-        found = list(_listed(namespace, given, scope, library))
-    parameters = tuple(one for one in found if one is not None)
-    return parameters if parameters and len(parameters) == len(found) else None
-
-
-def _listed(
-    namespace: str, given: dict[str | None, ast.expr], scope: Scope, library: ModuleLibrary
-) -> Iterator[CodeParameter | None]:
-    match given.get("parameters"):
-        case ast.List(elts=items) | ast.Tuple(elts=items):
-            for item in items:
-                parts = item.elts if isinstance(item, ast.Tuple) else []
-                one: dict[str | None, ast.expr] = {
-                    key: given[key] for key in (None, "ignore_override") if key in given
-                }
-                one.update(zip(_ARGUMENTS, parts, strict=False))
-                yield _declared(namespace, one, item, scope, library)
-
-
-def _declared(
-    namespace: str,
-    given: dict[str | None, ast.expr],
-    place: ast.expr,
-    scope: Scope,
-    library: ModuleLibrary,
-) -> CodeParameter | None:
-    name = value_of(given.get("name"), scope.module, library, scope.local)
-    if not isinstance(name, str):
-        return None
-    is_held = None not in given and "ignore_override" not in given
-    return CodeParameter(
-        name=f"{namespace}.{name}" if namespace else name,
-        kind=_kind(given.get("value"), scope, library)
-        if is_held and _is_static(given.get("descriptor"))
-        else None,
-        span=span_of(place, scope.module.source),
-    )
-
-
-def _is_static(descriptor: ast.expr | None) -> bool:
-    """Whether a parameter with this descriptor keeps the type of its default, as usual."""
-    match descriptor:
-        case None:
-            return True
-        case ast.Call(args=[], keywords=keywords):
-            return not any(keyword.arg in (None, "dynamic_typing") for keyword in keywords)
-    return False
-
-
-def _kind(expression: ast.expr | None, scope: Scope, library: ModuleLibrary) -> str | None:
-    """The kind of a literal default, or of a type in its place."""
-    match expression:
-        case None:
-            return None
-        case ast.Name(id=name) if name in scope.local:
-            return None
-        case ast.Name() | ast.Attribute():
-            dotted = dotted_name(expression, scope.module) or ""
-            head, _, last = dotted.rpartition(".")
-            if head == "rclpy.parameter.Parameter.Type":
-                return _NAMED_KINDS.get(last)
-            found = library.definition(dotted) if "." in dotted else None
-            return _literal_kind(found.node) if found else None
-    return _literal_kind(expression)
-
-
-def _literal_kind(expression: ast.AST) -> str | None:
-    match expression:
-        case ast.BinOp(left=ast.List() | ast.Tuple() as items, op=ast.Mult()):
-            return _literal_kind(items)
-    try:
-        return kind_of_value(ast.literal_eval(expression))
-    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
-        return None
 
 
 _SURVIVES_SELF: Final = {"super", "isinstance", "type", "id", "print", "repr", "str", "hasattr"}
@@ -553,7 +347,7 @@ class _Walk:
         registered = None if is_overridden else register_call(name, call, scope, self._library)
         if registered is not None:
             self._register(registered, call, source, scope, is_certain=is_certain)
-        elif name in _DECLARING and not is_overridden:
+        elif name in DECLARING and not is_overridden:
             self._declare(name, call, scope, is_certain=is_certain)
         else:
             before, self._origin = self._origin, self._origin or (source, scope)
@@ -650,7 +444,7 @@ class _Walk:
             self.found.knows_parameters = False
         if name == "__init__":
             self.constructor(index + 1, (call, scope))
-        elif name in _KINDS or name in _DECLARING:
+        elif name in _KINDS or name in DECLARING:
             self._own_call(name, index + 1, call, source, scope, is_certain=is_certain)
         else:
             self.method(name, index + 1, is_certain=is_certain)
