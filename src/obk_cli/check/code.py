@@ -1,4 +1,4 @@
-"""OBK405 to OBK410, OBK412, OBK415, OBK420 to OBK425: compare Python nodes with their config."""
+"""OBK405 to OBK410, OBK412, OBK415, OBK420 to OBK428: compare Python nodes with their config."""
 
 from collections.abc import Iterator, Sequence
 from difflib import SequenceMatcher
@@ -54,7 +54,7 @@ def check_code(context: CheckContext) -> Iterator[Diagnostic]:
         if isinstance(code, NodeFacts):
             yield from _check_components(node, node.executable, code)
             yield from _check_parameters(node, code)
-            findings += tuple(_check_keys(node, code))
+            findings += (*_check_keys(node, code), *_wrong_callbacks(node, code))
         for finding in findings:
             # Two nodes may import one module, and a node's path may lead to any package.
             cause = (finding.code, finding.message)
@@ -304,6 +304,15 @@ def _unknown_key(use: KeyUse, code: NodeFacts, known: Sequence[str]) -> Diagnost
         help=f"the code registers it as a {other}" if other else near or registers,
         related=(Related(message="the class", span=code.span),),
     )
+
+
+def _wrong_callbacks(node: Node, code: NodeFacts) -> Iterator[Diagnostic]:
+    """The findings in callbacks of components that the node creates."""
+    configured = [code.component_of(component) for component in node.components]
+    for registered in code.components:
+        is_created = registered.has_default or registered in configured
+        if is_created and registered.wrong_callback is not None:
+            yield registered.wrong_callback
 
 
 def _shortest(msg_type: str) -> str:

@@ -227,6 +227,8 @@ class CodeComponent:
     """Whether a base class of the runtime library registers it."""
     has_typed_base: bool = False
     """Whether that base class is given message types, as since API generation 2."""
+    wrong_callback: Diagnostic | None = None
+    """The finding in its callback, which applies only if the component is created."""
     span: Span
     """The line of the call."""
 

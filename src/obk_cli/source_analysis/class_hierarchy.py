@@ -3,7 +3,7 @@
 import ast
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 from obelisk_spec.suggestions import near_names
 from obk_cli.config.environment import MissingMethod
@@ -13,9 +13,10 @@ from obk_cli.source_analysis.modules import (
     at_top_level,
     dotted_name,
     span_of,
+    stored_names,
 )
 
-__all__ = ["ClassSource", "Function", "Lineage", "lineage_of"]
+__all__ = ["ClassSource", "Function", "Lineage", "lineage_of", "mentions"]
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -61,6 +62,14 @@ class ClassSource:
                 methods.setdefault(statement.name, statement)
         return methods
 
+    def defined_names(self) -> Iterator[str]:
+        """The names that its body binds, once for each binding, and those within `if` and `try`."""
+        for statement in at_top_level(self.node.body):
+            if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+                yield statement.name
+            else:
+                yield from stored_names(statement)
+
     def has(self, name: str) -> bool:
         """Whether the class itself defines an attribute of that name."""
         targets = (
@@ -102,6 +111,17 @@ class Lineage:
                 return index, found
         return None
 
+    def plain_method(self, name: str) -> tuple[ClassSource, Function] | None:
+        """The undecorated method of the user's classes that is certainly `self.name`."""
+        reached = self.method(name)
+        if reached is None:
+            return None
+        index, method = reached
+        source = self.classes[index]
+        names = [n for c in self.classes[: index + 1] for n in c.defined_names()]
+        is_plain = not method.decorator_list and names.count(name) == 1
+        return (source, method) if is_plain and not source.is_of_library else None
+
     def missing_methods(self) -> Iterator[MissingMethod]:
         """Abstract methods that no class implements; empty if a base is unknown."""
         if not self.is_whole:
@@ -121,6 +141,16 @@ class Lineage:
 
     def _before(self, source: ClassSource) -> tuple[ClassSource, ...]:
         return self.classes[: self.classes.index(source)]
+
+
+def mentions(function: Function, *prefixes: str) -> bool:
+    """Whether a function uses an attribute whose name starts with one of these."""
+    return any(name.startswith(prefixes) for name in _attribute_names(function))
+
+
+@lru_cache(maxsize=1_000)
+def _attribute_names(function: Function) -> frozenset[str]:
+    return frozenset(n.attr for n in ast.walk(function) if isinstance(n, ast.Attribute))
 
 
 def lineage_of(source: ClassSource, library: ModuleLibrary) -> Lineage:

@@ -8,7 +8,9 @@ from obelisk_spec.suggestions import did_you_mean
 from obk_cli.config.environment import CodeFault, NodeCode, NodeFacts, SourceFaults
 from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.source import Span
+from obk_cli.source_analysis.base_calls import check_base_configure, check_base_constructor
 from obk_cli.source_analysis.blocking_calls import check_blocking_calls
+from obk_cli.source_analysis.callbacks import check_callbacks
 from obk_cli.source_analysis.class_hierarchy import ClassSource, Lineage, lineage_of
 from obk_cli.source_analysis.component_use import control_lengths, key_uses
 from obk_cli.source_analysis.imports import (
@@ -27,12 +29,7 @@ from obk_cli.source_analysis.modules import (
     span_of,
 )
 from obk_cli.source_analysis.registrations import registrations_of
-from obk_cli.source_analysis.undefined_names import (
-    check_base_constructor,
-    check_callbacks,
-    check_names,
-    what_import_runs,
-)
+from obk_cli.source_analysis.undefined_names import check_names, what_import_runs
 
 __all__ = ["entry_function", "read_node_code"]
 
@@ -195,6 +192,7 @@ def _node_code(
     source = lineage.classes[0]
     found = registrations_of(lineage, library, has_arguments=spun.has_arguments)
     without_base = check_base_constructor(*found.without_base) if found.without_base else ()
+    configure = check_base_configure(lineage)
     callbacks = check_callbacks(found.callbacks.values(), lineage, library)
     waits = () if spun.may_have_threads else check_blocking_calls(lineage)
     return NodeFacts(
@@ -207,7 +205,7 @@ def _node_code(
         missing_methods=tuple(lineage.missing_methods()),
         control_lengths=tuple(control_lengths(lineage, library)),
         key_uses=tuple(key_uses(lineage, library)),
-        findings=(*faults, *without_base, *found.invalid.values(), *callbacks, *waits),
+        findings=(*faults, *without_base, *configure, *found.invalid.values(), *callbacks, *waits),
         can_damp=lineage.can_damp,
         words=frozenset(_words(lineage)),
         is_run_by_library=spun.by_library,

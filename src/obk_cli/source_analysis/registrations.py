@@ -6,7 +6,6 @@ are used on the way. Values computed at run time count as unknown.
 
 import ast
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from typing import Final
 
 from obelisk_spec.registration import (
@@ -19,7 +18,9 @@ from obelisk_spec.registration import (
 from obk_cli.config.environment import CodeComponent, CodeParameter
 from obk_cli.config.model import ComponentKind
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
-from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage
+from obk_cli.source_analysis.base_calls import has_no_way_to_base
+from obk_cli.source_analysis.callbacks import check_arguments
+from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage, mentions
 from obk_cli.source_analysis.declared_parameters import DECLARING, declared_parameters
 from obk_cli.source_analysis.live_parameters import class_parameters
 from obk_cli.source_analysis.modules import (
@@ -188,17 +189,7 @@ _MOST_HELPER_CALLS: Final = 1_000
 def _takes_names(function: Function) -> bool:
     """Whether a method registers or declares what its arguments name."""
     is_plain = function.name != "__init__" and not function.decorator_list
-    return is_plain and _mentions(function, "register_obk_", "declare_parameter")
-
-
-def _mentions(function: Function, *prefixes: str) -> bool:
-    """Whether a function uses an attribute whose name starts with one of these."""
-    return any(name.startswith(prefixes) for name in _attribute_names(function))
-
-
-@lru_cache(maxsize=1_000)
-def _attribute_names(function: Function) -> frozenset[str]:
-    return frozenset(n.attr for n in ast.walk(function) if isinstance(n, ast.Attribute))
+    return is_plain and mentions(function, "register_obk_", "declare_parameter")
 
 
 def _is_super(node: ast.Attribute) -> bool:
@@ -235,23 +226,10 @@ class _Walk:
         local = bound_arguments(function, source.module, call, self._library, is_open=is_open)
         self._body(index, function, local, is_certain=True)
         self.reaches_library |= source.is_of_library
-        if not _mentions(function, "__init__"):
+        if not mentions(function, "__init__"):
             self._give_up()
-            if not source.is_of_library and self._runs_no_base(function):
+            if not source.is_of_library and has_no_way_to_base(function, self._lineage):
                 self.found.without_base = (function, source)
-
-    def _runs_no_base(self, function: Function) -> bool:
-        """Whether a constructor without any `__init__` has no other way to run its base's."""
-        if function.decorator_list:
-            return False
-        self_name = next((a.arg for a in (*function.args.posonlyargs, *function.args.args)), "")
-        attributes = [n for n in ast.walk(function) if isinstance(n, ast.Attribute)]
-        owners = {id(attribute.value) for attribute in attributes}
-        names = [n for n in ast.walk(function) if isinstance(n, ast.Name) and id(n) not in owners]
-        if any(name.id in (self_name, "super", "exec", "eval") for name in names):
-            return False
-        reached = (self._lineage.method(attribute.attr) for attribute in attributes)
-        return not any(found and _mentions(found[1], "__init__") for found in reached)
 
     def helper(
         self, name: str, start: int, call: ast.Call, scope: Scope, *, is_certain: bool
@@ -394,6 +372,9 @@ class _Walk:
                 is_required=certain,
                 is_of_library=first.is_of_library,
                 has_typed_base=first.is_of_library and any(v is not None for v in types),
+                wrong_callback=check_arguments(
+                    registered.callback, component, scope, self._lineage
+                ),
             )
         if not component.is_named_in_full:
             self.found.knows_components = False

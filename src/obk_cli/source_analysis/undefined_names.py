@@ -1,6 +1,6 @@
-"""Find names that a module uses but never binds, and attributes that a node never gets.
+"""Find names that a module uses but never binds.
 
-Where `import *`, `exec`, `setattr` or the like may bind unknown names, nothing is reported.
+Where `import *`, `exec` or the like may bind unknown names, nothing is reported.
 """
 
 import ast
@@ -8,38 +8,13 @@ import builtins
 from collections.abc import Iterable, Iterator
 
 from obelisk_spec.suggestions import ask_for, list_names, near_names
-from obk_cli.diagnostics.diagnostic import Diagnostic, Related, Severity, found
-from obk_cli.diagnostics.source import Span
-from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage
-from obk_cli.source_analysis.modules import (
-    BIND_UNSEEN,
-    Module,
-    ModuleLibrary,
-    at_top_level,
-    span_of,
-    stored_names,
-    words_in,
-)
+from obk_cli.diagnostics.diagnostic import Diagnostic, Severity, found
+from obk_cli.source_analysis.modules import Module, span_of, words_in
 
-__all__ = [
-    "check_base_constructor",
-    "check_callbacks",
-    "check_names",
-    "nodes_without_fallback",
-    "what_import_runs",
-]
+__all__ = ["check_names", "nodes_without_fallback", "what_import_runs"]
 
-_SETS_UNSEEN = (
-    *BIND_UNSEEN,
-    "setattr",
-    "__dict__",
-    "__getattribute__",
-    "__setattr__",
-    "update_wrapper",
-)
 _OTHER_RUNS = ("TYPE_CHECKING", "version_info", "hexversion", "PY2", "PY3", "platform", "hasattr")
 """Names in `if` conditions for type checkers, other Python versions and other machines."""
-_ROS_NODE_MODULES = ("rclpy.node", "rclpy.lifecycle.node", "rclpy.lifecycle.managed_entity")
 
 
 def what_import_runs(module: Module) -> Iterator[ast.AST]:
@@ -111,75 +86,3 @@ def check_names(
             or "import it, or correct the name",
             severity=severity,
         )
-
-
-def check_callbacks(
-    callbacks: Iterable[tuple[ast.Attribute, Module]], lineage: Lineage, library: ModuleLibrary
-) -> Iterator[Diagnostic]:
-    """OBK424: registered callbacks that are not attributes of the node."""
-    unknown = [c for c in callbacks if lineage.method(c[0].attr) is None]
-    known = _attributes(lineage) if unknown else None
-    unknown = [c for c in unknown if known is not None and c[0].attr not in known]
-    if not unknown:
-        return
-    of_ros = frozenset(name for m in _ROS_NODE_MODULES for name in _defined_in(library.module(m)))
-    own = {m.name for c in lineage.classes if not c.is_of_library for m in c.methods()}
-    for callback, module in unknown:
-        if callback.attr not in of_ros:
-            yield found(
-                "OBK424",
-                f"class `{lineage.classes[0].node.name}` has no method `{callback.attr}`",
-                span_of(callback, module.source),
-                help=ask_for(near_names(callback.attr, {*own} - {"__init__"}))
-                or f"define `{callback.attr}`, or register another callback",
-                related=(Related(message="the class", span=_class_span(lineage.classes[0])),),
-            )
-
-
-def _attributes(lineage: Lineage) -> frozenset[str] | None:
-    """Every attribute that the classes may give the node; None if some are unknown."""
-    if not lineage.is_whole:
-        return None
-    names: set[str] = set()
-    for source in lineage.classes:
-        tree = source.node if source.is_of_library else source.module.tree
-        used = words_in(tree) | {method.name for method in source.methods()}
-        if source.node.keywords or (not source.is_of_library and used & {*_SETS_UNSEEN}):
-            return None
-        names.update(_defined_in_class(source.node), _attributes_named(tree))
-    return frozenset(names)
-
-
-def _defined_in(module: Module | None) -> Iterator[str]:
-    if module is not None:
-        yield from stored_names(module.tree)
-        yield from _attributes_named(module.tree)
-
-
-def _defined_in_class(node: ast.ClassDef) -> Iterator[str]:
-    for statement in at_top_level(node.body):
-        if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-            yield statement.name
-        else:
-            yield from stored_names(statement)
-
-
-def _attributes_named(tree: ast.AST) -> Iterator[str]:
-    """Attributes that are assigned on any object."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
-            yield node.attr
-
-
-def check_base_constructor(function: Function, source: ClassSource) -> Iterator[Diagnostic]:
-    """OBK422: a constructor that does not run its base class's constructor."""
-    yield found(
-        "OBK422",
-        f"`{source.node.name}.__init__` does not call `super().__init__`",
-        span_of(function, source.module.source),
-        help="start it with `super().__init__(node_name)`, which creates the ROS node",
-    )
-
-
-def _class_span(source: ClassSource) -> Span:
-    return span_of(source.node, source.module.source)

@@ -158,10 +158,12 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK422",
         severity="error",
-        title="`super().__init__` is missing",
-        cause="The base class constructor creates the ROS node and registers its components. "
-        "Nothing works until it has run.",
-        fix="Start the constructor with `super().__init__(node_name)`.",
+        title="a missing call to the base class",
+        cause="The base class constructor creates the ROS node and registers its components, and "
+        "the base class `on_configure` creates their publishers, subscriptions and timers. Other "
+        "overrides of lifecycle callbacks need not call the base class.",
+        fix="Start the constructor with `super().__init__(node_name)`. Call "
+        "`super().on_configure(state)` in `on_configure`.",
     ),
     Rule(
         code="OBK423",
@@ -205,5 +207,16 @@ RULES: tuple[Rule, ...] = (
         "is already registered. The node cannot be created or configured.",
         fix="Pass the name, then the callback of a subscription or timer, and the message class. "
         "Register each component once.",
+    ),
+    Rule(
+        code="OBK428",
+        severity="error",
+        title="a callback with the wrong arguments",
+        cause="A timer calls its callback without arguments, and a subscription passes the "
+        "message. If the callback does not accept that, a subscription cannot be configured, and "
+        "a timer raises a `TypeError` when it first fires. Only lambdas and undecorated methods "
+        "are checked.",
+        fix="Declare the callback of a timer as `def name(self)`, and that of a subscription as "
+        "`def name(self, msg)`.",
     ),
 )

@@ -30,6 +30,8 @@ setup(
             "unfinished = demo_py.unfinished:main",
             "untyped = demo_py.untyped:main",
             "without_base = demo_py.without_base:main",
+            "without_configure = demo_py.without_configure:main",
+            "wrong_arguments = demo_py.wrong_arguments:main",
             "wrong_callback = demo_py.wrong_callback:main",
             "wrong_registration = demo_py.wrong_registration:main",
             "wrong_key = demo_py.wrong_key:main",

@@ -158,6 +158,43 @@ def test_a_constructor_that_may_run_the_base_is_not_found(constructor: str) -> N
 
 
 @pytest.mark.parametrize(
+    ("body", "is_found"),
+    [
+        ("return 1", True),
+        ("self.x = self.get_name()\n        return 1", True),
+        ("raise ValueError", True),
+        ("return super().on_configure(state)", False),
+        ("return super(Mine, self).on_configure(state)", False),
+        ("return Base.on_configure(self, state)", False),
+        ("return self.first(state)", False),
+        ("return getattr(super(), 'on_' + 'configure')(state)", False),
+        ("return configure(self)", False),
+        ("for base in Mine.__mro__: base.on_configure(self, state)", False),
+    ],
+)
+def test_an_on_configure_that_leaves_the_base_out_is_found(body: str, is_found: bool) -> None:
+    text = (
+        "from package import Unknown, configure, made\nclass Base(ObeliskNode):\n    pass\n"
+        f"class Mine(Base):\n    def on_configure(self, state):\n        {body}\n"
+        "    def on_shutdown(self, state):\n        return 1\n"
+    )
+    through = (
+        "    def first(self, state):\n        return self.second(state)\n"
+        "    def second(self, state):\n        return super().on_configure(state)\n"
+    )
+    helpers = through if "self.first" in body else ""
+    package = "Unknown = configure = made = 1\n"
+    assert codes(text + helpers, package=package) == (["OBK422"] if is_found else [])
+    for possible in (
+        text.replace("(Base)", "(Unknown, Base)"),
+        text.replace("    def on_configure", "    @made\n    def on_configure"),
+        f"{text}    on_configure = made(on_configure)\n",
+        f"{text}{through}",
+    ):
+        assert codes(possible, package=package) == []
+
+
+@pytest.mark.parametrize(
     ("call", "is_found"),
     [
         ("subscription('sub_a', self.on_x, 'String', key='a', msg_type=ObkImu, kind=1)", True),
@@ -221,6 +258,60 @@ def test_a_callback_is_missing_only_if_nothing_can_set_it(more: str, is_found: b
         package="Unknown = make()\nfrom elsewhere import make\n",
         elsewhere="make = 1\n",
     )
+
+
+TIMER = "self.register_obk_timer('timer_a', self.call)"
+SUBSCRIPTION = "self.register_obk_subscription('sub_a', self.call, ObkImu)"
+
+
+@pytest.mark.parametrize(
+    ("call", "method", "is_found"),
+    [
+        (TIMER, "def call(self, event): ...", True),
+        (TIMER, "def call(): ...", True),
+        (TIMER, "async def call(self, *, event): ...", True),
+        (TIMER, "def call(self, event=None, *, name='x'): ...", False),
+        (TIMER, "def call(self, *events, **more): ...", False),
+        (TIMER, "@bound\n    def call(self, event): ...", False),
+        (TIMER, "def call(self, event): ...\n    call = bound(call)", False),
+        (TIMER, "def call(self, event): ...\n    def set(self): self.call = bound", False),
+        (TIMER, "def call(self, event): ...\n    def set(self): vars(self)['call'] = bound", False),
+        (TIMER, "if x: ...\n    else:\n        def call(self, event): ...", False),
+        (SUBSCRIPTION, "def call(self): ...", True),
+        (SUBSCRIPTION, "def call(self, *, msg): ...", True),
+        (SUBSCRIPTION, "def call(self, msg, info, time): ...", True),
+        (SUBSCRIPTION, "def call(self, msg): ...", False),
+        (SUBSCRIPTION, "def call(self, msg, info): ...", False),
+        (SUBSCRIPTION, "def call(self, *messages): ...", False),
+        ("self.register_obk_timer('timer_a', lambda event: 1)", "", True),
+        ("self.register_obk_timer('timer_a', lambda event=1: 1)", "", False),
+        ("self.register_obk_subscription('sub_a', lambda: 1, ObkImu)", "", True),
+        ("self.register_obk_subscription('sub_a', lambda msg, n=1: 1, ObkImu)", "", False),
+        (
+            "self.register_obk_timer('timer_a', partial(self.call, 1))",
+            "def call(self, x): ...",
+            False,
+        ),
+        ("self.register_obk_timer('timer_a', self.other.call)", "def call(self, x): ...", False),
+        ("for each in (self.call,): self.register_obk_timer('timer_a', each)", "", False),
+        ("self.register_obk_timer('timer_a', self.get_clock)", "", False),
+    ],
+)
+def test_a_callback_must_accept_what_its_component_passes(
+    call: str, method: str, is_found: bool
+) -> None:
+    (component,) = code(node(call) + f"    {method}\n").components
+    finding = component.wrong_callback
+    assert (finding.code if finding else None) == ("OBK428" if is_found else None)
+
+
+def test_a_callback_of_an_unknown_or_replaced_base_is_not_checked() -> None:
+    wrong = "    def call(self, event): ...\n"
+    texts = {"package": "from elsewhere import Unknown\n", "elsewhere": "Unknown = make()\n"}
+    replaced = f"class Base(ObeliskNode):\n{wrong}{node(TIMER, bases='Base')}    call = bound\n"
+    unknown = f"from package import Unknown\n{node(TIMER, bases='Unknown, ObeliskNode')}{wrong}"
+    for body in (replaced, unknown):
+        assert [c.wrong_callback for c in code(body, **texts).components] == [None]
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 from typing import Any
 
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+
 from demo_py.controller import ArmController
 from obelisk_py.core.utils.ros import spin_obelisk
 
@@ -18,6 +20,13 @@ class CountedController(Counted, ArmController):
 
     def start(self, *args: Any) -> None:
         ArmController.__init__(self, *args)
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self.count += 1
+        return self.prepare(state)
+
+    def prepare(self, state: LifecycleState) -> TransitionCallbackReturn:
+        return ArmController.on_configure(self, state)
 
 
 def main() -> None:
