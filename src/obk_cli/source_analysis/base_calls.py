@@ -4,8 +4,9 @@ import ast
 from collections.abc import Iterator
 
 from obk_cli.diagnostics.diagnostic import Diagnostic, found
-from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage, mentions
+from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage
 from obk_cli.source_analysis.modules import span_of
+from obk_cli.source_analysis.scope import mentions
 
 __all__ = ["check_base_configure", "check_base_constructor", "has_no_way_to_base"]
 

@@ -3,7 +3,7 @@
 import ast
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 from obelisk_spec.suggestions import near_names
 from obk_cli.config.environment import MissingMethod
@@ -16,7 +16,7 @@ from obk_cli.source_analysis.modules import (
     stored_names,
 )
 
-__all__ = ["ClassSource", "Function", "Lineage", "lineage_of", "mentions"]
+__all__ = ["ClassSource", "Function", "Lineage", "lineage_of"]
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -141,16 +141,6 @@ class Lineage:
 
     def _before(self, source: ClassSource) -> tuple[ClassSource, ...]:
         return self.classes[: self.classes.index(source)]
-
-
-def mentions(function: Function, *prefixes: str) -> bool:
-    """Whether a function uses an attribute whose name starts with one of these."""
-    return any(name.startswith(prefixes) for name in _attribute_names(function))
-
-
-@lru_cache(maxsize=1_000)
-def _attribute_names(function: Function) -> frozenset[str]:
-    return frozenset(n.attr for n in ast.walk(function) if isinstance(n, ast.Attribute))
 
 
 def lineage_of(source: ClassSource, library: ModuleLibrary) -> Lineage:

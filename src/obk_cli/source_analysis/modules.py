@@ -420,10 +420,10 @@ def _named(expression: ast.expr, module: Module, library: ModuleLibrary) -> Valu
         return UNKNOWN
     if _MESSAGE.fullmatch(dotted):
         return Dotted(dotted)
-    if dotted in module.stored_attributes:
-        return UNKNOWN
     found = library.definition(dotted)
     if found is None:
+        return UNKNOWN
+    if isinstance(expression, ast.Attribute) and dotted in module.stored_attributes:
         return UNKNOWN
     if isinstance(found.node, ast.expr):
         match found.node:

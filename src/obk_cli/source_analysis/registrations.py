@@ -20,7 +20,7 @@ from obk_cli.config.model import ComponentKind
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.source_analysis.base_calls import has_no_way_to_base
 from obk_cli.source_analysis.callbacks import check_arguments
-from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage, mentions
+from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage
 from obk_cli.source_analysis.declared_parameters import DECLARING, declared_parameters
 from obk_cli.source_analysis.live_parameters import class_parameters
 from obk_cli.source_analysis.modules import (
@@ -35,7 +35,7 @@ from obk_cli.source_analysis.modules import (
     span_of,
     value_of,
 )
-from obk_cli.source_analysis.scope import Scope, bound_arguments, scope_of
+from obk_cli.source_analysis.scope import Scope, bound_arguments, mentions, scope_of
 
 __all__ = ["Registrations", "registrations_of"]
 

@@ -20,7 +20,7 @@ from obk_cli.source_analysis.modules import (
     value_of,
 )
 
-__all__ = ["Scope", "bound_arguments", "scope_of"]
+__all__ = ["Scope", "bound_arguments", "mentions", "scope_of"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,17 +42,38 @@ def scope_of(
     """The scope of a method's body; names assigned several times count as computed at run time."""
     arguments = [*function.args.posonlyargs, *function.args.args]
     self_name = arguments[0].arg if arguments else ""
-    known = {**local, **dict.fromkeys(_assigned_names(function), UNKNOWN)}
+    known = {**local, **dict.fromkeys(_names_in(function).assigned, UNKNOWN)}
     for name, value in _constants(function):
         known[name] = value_of(value, module, library, known)
     return Scope(module, known, self_name)
 
 
+def mentions(function: Function, *prefixes: str) -> bool:
+    """Whether a function uses an attribute whose name starts with one of these."""
+    return any(name.startswith(prefixes) for name in _names_in(function).attributes)
+
+
+@dataclass(frozen=True, slots=True)
+class _Names:
+    """The names in a function."""
+
+    assigned: frozenset[str]
+    """Local names that are assigned anywhere."""
+    attributes: frozenset[str]
+    """Attributes of any object that are used or assigned."""
+
+
 @lru_cache(maxsize=1_000)
-def _assigned_names(function: Function) -> tuple[str, ...]:
-    """The local names assigned anywhere in a function; cached, because it needs a full walk."""
-    names = (n for n in ast.walk(function) if isinstance(n, ast.Name))
-    return tuple(n.id for n in names if isinstance(n.ctx, ast.Store))
+def _names_in(function: Function) -> _Names:
+    """Both sets of names; cached, because they need a full walk."""
+    assigned: set[str] = set()
+    attributes: set[str] = set()
+    for node in ast.walk(function):
+        if isinstance(node, ast.Attribute):
+            attributes.add(node.attr)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            assigned.add(node.id)
+    return _Names(frozenset(assigned), frozenset(attributes))
 
 
 @lru_cache(maxsize=1_000)
