@@ -58,7 +58,7 @@ class _Names:
     """The names in a function."""
 
     assigned: frozenset[str]
-    """Local names that are assigned anywhere."""
+    """Local names that are assigned or imported anywhere."""
     attributes: frozenset[str]
     """Attributes of any object that are used or assigned."""
 
@@ -69,10 +69,13 @@ def _names_in(function: Function) -> _Names:
     assigned: set[str] = set()
     attributes: set[str] = set()
     for node in ast.walk(function):
-        if isinstance(node, ast.Attribute):
-            attributes.add(node.attr)
-        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-            assigned.add(node.id)
+        match node:
+            case ast.Attribute(attr=name):
+                attributes.add(name)
+            case ast.Name(id=name, ctx=ast.Store()):
+                assigned.add(name)
+            case ast.alias(name=name, asname=asname):
+                assigned.add(asname or name.partition(".")[0])
     return _Names(frozenset(assigned), frozenset(attributes))
 
 

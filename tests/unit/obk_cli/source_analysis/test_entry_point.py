@@ -67,6 +67,13 @@ def node(constructor: str, *, bases: str = "ObeliskNode") -> str:
     )
 
 
+def test_a_local_import_replaces_a_constant_of_the_module() -> None:
+    body = node("from package import KEY\nself.register_obk_publisher(KEY, ObkImu)")
+    found = code(f"KEY = 'own'\n{body}", package="KEY = 'other'\n")
+    assert names(found) == []
+    assert not found.knows_components
+
+
 def test_components_of_the_bases_have_the_types_of_the_constructor_call() -> None:
     body = "class Mine(ObeliskController):\n    def __init__(self):\n"
     found = code(body + "        super().__init__('n', est_msg_type=ObkImu)\n")
