@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from obk_cli.diagnostics.diagnostic import Diagnostic, found
 from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage
-from obk_cli.source_analysis.modules import span_of
+from obk_cli.source_analysis.modules import span_of, words_in
 from obk_cli.source_analysis.scope import mentions
 
 __all__ = ["check_base_configure", "check_base_constructor", "has_no_way_to_base"]
@@ -29,9 +29,9 @@ def check_base_configure(lineage: Lineage) -> Iterator[Diagnostic]:
     if reached is None or not lineage.is_whole:
         return
     source, function = reached
-    own = [m for c in lineage.classes if not c.is_of_library for m in c.methods()]
-    if any(mentions(method, _CONFIGURE) for method in own):
-        return  # a helper method, or the `on_configure` of a base class, may run it
+    own = [c.module.tree for c in lineage.classes if not c.is_of_library]
+    if any(_CONFIGURE in words_in(tree) for tree in own):
+        return  # a helper, or the `on_configure` of a base class, may run it
     if has_no_way_to_base(function, lineage):
         yield found(
             "OBK422",

@@ -60,7 +60,7 @@ def check_callbacks(
     assigned = _assigned(lineage) if unknown else None
     if assigned is None:
         return
-    known = assigned.union(*(c.defined_names() for c in lineage.classes))
+    known = assigned.union(*(c.defined_names for c in lineage.classes))
     unknown = [c for c in unknown if c[0].attr not in known]
     if not unknown:
         return

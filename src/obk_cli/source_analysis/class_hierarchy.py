@@ -62,24 +62,20 @@ class ClassSource:
                 methods.setdefault(statement.name, statement)
         return methods
 
-    def defined_names(self) -> Iterator[str]:
+    @cached_property
+    def defined_names(self) -> tuple[str, ...]:
         """The names that its body binds, once for each binding, and those within `if` and `try`."""
+        names: list[str] = []
         for statement in at_top_level(self.node.body):
             if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-                yield statement.name
+                names.append(statement.name)
             else:
-                yield from stored_names(statement)
+                names += stored_names(statement)
+        return tuple(names)
 
     def has(self, name: str) -> bool:
         """Whether the class itself defines an attribute of that name."""
-        targets = (
-            target
-            for statement in self.node.body
-            if isinstance(statement, ast.Assign | ast.AnnAssign)
-            for target in getattr(statement, "targets", [getattr(statement, "target", None)])
-        )
-        assigned = any(isinstance(t, ast.Name) and t.id == name for t in targets)
-        return assigned or self.method(name) is not None
+        return name in self.defined_names
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,7 +114,7 @@ class Lineage:
             return None
         index, method = reached
         source = self.classes[index]
-        names = [n for c in self.classes[: index + 1] for n in c.defined_names()]
+        names = [n for c in self.classes[: index + 1] for n in c.defined_names]
         is_plain = not method.decorator_list and names.count(name) == 1
         return (source, method) if is_plain and not source.is_of_library else None
 

@@ -43,6 +43,7 @@ BIND_UNSEEN = ("exec", "globals", "locals", "vars", "modules", "builtins", "__ge
 """Names whose use can bind other names of a module."""
 _TYPE_PARAMETERS = ("TypeVar", "ParamSpec", "TypeVarTuple")
 """Python 3.12 syntax, `class Filter[T]`."""
+_DOUBLE_UNDERSCORE = re.compile(r"\b__[A-Za-z]\w*")
 _LONGEST_CHAIN = 20
 """Maximum number of imports followed for one name."""
 _LONGEST_TEXT = 1000
@@ -193,6 +194,8 @@ def parse_module(name: str, found: FoundSource) -> Module:
         UnreadableSourceError: the text is not valid Python.
     """
     tree = _syntax_tree(found.source)
+    if any(not word.endswith("__") for word in _DOUBLE_UNDERSCORE.findall(found.source.text)):
+        _mangle_private_names(tree)
     statements = list(at_top_level(tree.body))
     names: dict[str, Binding] = {}
     for statement in statements:
@@ -226,6 +229,23 @@ def _syntax_tree(source: SourceFile) -> ast.Module:
         raise UnreadableSourceError(error.msg, Span.at(source, line, column)) from error
     except (ValueError, RecursionError, MemoryError) as error:
         raise UnreadableSourceError(str(error), Span.at(source, 1, 1)) from error
+
+
+def _mangle_private_names(tree: ast.Module) -> None:
+    """Rename `__x` in the body of a class `C` to `_C__x`, as Python does."""
+    pending: list[tuple[ast.AST, str]] = [(tree, "")]
+    while pending:
+        node, owner = pending.pop()
+        inside = node.name if isinstance(node, ast.ClassDef) else owner
+        body = {id(part) for part in (node.body if isinstance(node, ast.ClassDef) else ())}
+        pending += [(c, inside if id(c) in body else owner) for c in ast.iter_child_nodes(node)]
+        prefix = owner.lstrip("_")
+        if not prefix or isinstance(node, ast.keyword | ast.alias):
+            continue
+        for place in ("id", "attr", "name", "arg"):
+            name = getattr(node, place, None)
+            if isinstance(name, str) and name.startswith("__") and not name.endswith("__"):
+                setattr(node, place, f"_{prefix}{name}")
 
 
 def at_top_level(statements: Iterable[ast.stmt]) -> Iterator[ast.stmt]:

@@ -74,6 +74,26 @@ def test_a_local_import_replaces_a_constant_of_the_module() -> None:
     assert not found.knows_components
 
 
+def test_private_methods_of_a_class_and_its_base_are_different() -> None:
+    base = node("self.__set_up()").replace("class Mine", "class Base")
+    base += "    def __set_up(self):\n        self.register_obk_timer('base', self.__tick)\n"
+    base += "    def __tick(self): ...\n"
+    own = node("self.__set_up('own')", bases="Base")
+    own += "    def __set_up(self, __name):\n        self.register_obk_timer(__name, self.__tick)\n"
+    own += "    def __tick(self, time=0.0): ...\n"
+    found = code(base + own)
+    assert found.knows_components
+    assert names(found) == ["base", "own"]
+    assert [c.wrong_callback for c in found.components] == [None, None]
+    assert not found.findings
+
+
+def test_a_method_that_the_class_imports_is_implemented() -> None:
+    body = node("pass", bases="ObeliskController") + "    from package import update_x_hat\n"
+    found = code(body, package="def update_x_hat(self, msg): ...\n")
+    assert [m.name for m in found.missing_methods] == ["compute_control"]
+
+
 def test_components_of_the_bases_have_the_types_of_the_constructor_call() -> None:
     body = "class Mine(ObeliskController):\n    def __init__(self):\n"
     found = code(body + "        super().__init__('n', est_msg_type=ObkImu)\n")

@@ -190,6 +190,7 @@ def test_an_on_configure_that_leaves_the_base_out_is_found(body: str, is_found: 
         text.replace("    def on_configure", "    @made\n    def on_configure"),
         f"{text}    on_configure = made(on_configure)\n",
         f"{text}{through}",
+        "def run(node, state): return ObeliskNode.on_configure(node, state)\n" + text,
     ):
         assert codes(possible, package=package) == []
 
