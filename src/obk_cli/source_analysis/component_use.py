@@ -16,7 +16,7 @@ from obk_cli.source_analysis.modules import (
     span_of,
     value_of,
 )
-from obk_cli.source_analysis.scope import scope_of
+from obk_cli.source_analysis.scope import mentions, scope_of
 from obk_cli.source_analysis.undefined_names import nodes_without_fallback
 
 __all__ = ["control_lengths", "key_uses"]
@@ -43,31 +43,41 @@ def _methods(lineage: Lineage) -> Iterator[tuple[ClassSource, Function]]:
 
 
 def key_uses(lineage: Lineage, library: ModuleLibrary) -> Iterator[KeyUse]:
-    """Every `self.obk_publishers["pub_ctrl"]` with a known key, in source order."""
+    """Every `self.obk_publishers["pub_ctrl"]` with a known key, in source order.
+
+    A table that the code also changes, searches or passes on is left out.
+    """
+    own = [m for c in lineage.classes if not c.is_of_library for m in c.methods()]
+    using = {method for method in own if mentions(method, *_TABLES)}
+    left_out = {table for method in using for table in _other_uses(method)}
     for source, method in _methods(lineage):
+        if method not in using:
+            continue
         arguments = method.args
         names = [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]
         scope = scope_of(method, source.module, library, {a.arg: UNKNOWN for a in names})
-        for node in _unconditional(method):
+        for node in nodes_without_fallback(method):
             match node:
                 case ast.Subscript(
                     value=ast.Attribute(value=owner, attr=table), slice=key, ctx=ast.Load()
-                ) if table in _TABLES and scope.is_self(owner):
+                ) if table in _TABLES.keys() - left_out and scope.is_self(owner):
                     text = value_of(key, scope.module, library, scope.local)
                     if isinstance(text, str):
                         span = span_of(key, source.module.source)
                         yield KeyUse(kind=_TABLES[table], key=text, span=span)
 
 
-def _unconditional(method: Function) -> Iterator[ast.AST]:
-    """The syntax of a method; empty if it checks which components exist."""
-    nodes = list(nodes_without_fallback(method))
-    looked_up = {id(node.value) for node in nodes if isinstance(node, ast.Subscript)}
-    asks = any(
-        isinstance(node, ast.Attribute) and node.attr in _TABLES and id(node) not in looked_up
+def _other_uses(method: Function) -> Iterator[str]:
+    """The tables that a method uses in another way than to look up a key."""
+    nodes = list(ast.walk(method))
+    looked_up = {
+        id(node.value)
         for node in nodes
-    )
-    return iter(()) if asks else iter(nodes)
+        if isinstance(node, ast.Subscript) and not isinstance(node.ctx, ast.Store)
+    }
+    for node in nodes:
+        if isinstance(node, ast.Attribute) and node.attr in _TABLES and id(node) not in looked_up:
+            yield node.attr
 
 
 def control_lengths(lineage: Lineage, library: ModuleLibrary) -> Iterator[ControlLength]:

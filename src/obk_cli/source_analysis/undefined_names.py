@@ -32,7 +32,10 @@ def what_import_runs(module: Module) -> Iterator[ast.AST]:
 
 
 def nodes_without_fallback(tree: ast.AST) -> Iterator[ast.AST]:
-    """The syntax below `tree` that runs on every machine; no `try` with handlers, no annotation."""
+    """The syntax below `tree` that runs on every machine and whose exceptions are not handled.
+
+    Annotations are left out too.
+    """
     pending = [tree]
     while pending:
         node = pending.pop()
@@ -40,6 +43,8 @@ def nodes_without_fallback(tree: ast.AST) -> Iterator[ast.AST]:
         left_out = {id(getattr(node, name, None)) for name in ("annotation", "returns")}
         if isinstance(node, ast.Try | ast.TryStar) and node.handlers:
             left_out.update(map(id, (*node.body, *node.handlers, *node.orelse)))
+        elif isinstance(node, ast.With) and any("suppress" in words_in(i) for i in node.items):
+            left_out.update(map(id, node.body))
         elif isinstance(node, ast.If | ast.IfExp) and words_in(node.test) & {*_OTHER_RUNS}:
             left_out.update(map(id, ast.iter_child_nodes(node)))
         children = [child for child in ast.iter_child_nodes(node) if id(child) not in left_out]

@@ -326,12 +326,30 @@ def test_a_callback_of_an_unknown_or_replaced_base_is_not_checked() -> None:
         ("self.obk_publishers.get('a')", []),
         ("if 'a' in self.obk_publishers: self.obk_publishers['a']", []),
         ("other.obk_publishers['a']", []),
+        ("with suppress(KeyError): self.obk_publishers['a']", []),
         ("try: self.obk_publishers['a']\n        except KeyError: pass", []),
     ],
 )
 def test_only_keys_that_are_certainly_used_count(lookup: str, keys: list[str]) -> None:
     body = f"KEY = 'key of the module'\n{node('pass')}    def use(self, msg):\n        {lookup}\n"
     assert [use.key for use in code(body).key_uses] == keys
+
+
+@pytest.mark.parametrize(
+    "other_use",
+    [
+        "self.obk_publishers['a'] = self.create_publisher(ObkImu, 'a', 1)",
+        "self.obk_publishers.update(a=1)",
+        "fill(self.obk_publishers)",
+        "self.obk_publishers = {'a': 1}",
+        "return 'a' in self.obk_publishers",
+    ],
+)
+def test_keys_of_a_table_that_the_class_may_extend_are_not_checked(other_use: str) -> None:
+    base = "class Base(ObeliskNode):\n    def set_up(self):\n        " + other_use + "\n"
+    own = node("pass", bases="Base") + "    def set_up(self):\n        super().set_up()\n"
+    use = "    def use(self):\n        self.obk_publishers['a']\n        self.obk_timers['t']\n"
+    assert [use.key for use in code(base + own + use).key_uses] == ["t"]
 
 
 @pytest.mark.parametrize(
