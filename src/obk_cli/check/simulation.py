@@ -272,15 +272,32 @@ def _check_message(component: Component) -> Iterator[Diagnostic]:
 def _controllers(
     stack: Stack, environment: Environment
 ) -> Mapping[str, Sequence[tuple[Node, NodeFacts]]]:
-    """Topic -> the controllers with readable code that publish to it."""
+    """Topic -> the controllers with readable code that publish commands only to it."""
     controllers: defaultdict[str, list[tuple[Node, NodeFacts]]] = defaultdict(list)
     for node in stack.section("control"):
         code = code_of(node, environment)
         if code is not None:
-            topics = (c.topic for c in node.components if c.kind == "publisher" and c.topic)
-            for topic in dict.fromkeys(absolute_topic(topic.value, node) for topic in topics):
+            topics = {
+                absolute_topic(component.topic.value, node)
+                for component in node.components
+                if component.kind == "publisher"
+                and component.topic
+                and _may_be_command(component, code)
+            }
+            # A message in the code may be for any of several topics.
+            for topic in topics if len(topics) == 1 else ():
                 controllers[topic].append((node, code))
     return controllers
+
+
+def _may_be_command(publisher: Component, code: NodeFacts) -> bool:
+    """Whether a publisher's messages are control messages, or of an unknown type."""
+    if publisher.msg_type is not None:
+        msg_type = resolve_msg_type(publisher.msg_type.value)
+    else:
+        registered = code.component_of(publisher)
+        msg_type = registered.msg_type if registered is not None else None
+    return msg_type is None or msg_type.startswith("obelisk_control_msgs/")
 
 
 def _check_lengths(

@@ -11,6 +11,7 @@ setup(
             "estimator = demo_py.estimator:main",
             "explicit_base = demo_py.explicit_base:main",
             "gone = demo_py.gone:main",
+            "gripping = demo_py.gripping:main",
             "keys = demo_py.keys:main",
             "long = demo_py.long:main",
             "misnamed = demo_py.controller:mian",
