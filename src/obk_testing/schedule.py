@@ -228,7 +228,7 @@ def _idle_s(node: PlannedNode, activation: Activation) -> float:
 
     Its first inputs are late, because connections between processes are made at that time.
     """
-    period_s = max((each.period_s for each in node.promises if each.topic), default=0.0)
+    period_s = max((each.period_s for each in node.rates if each.topic), default=0.0)
     if activation.first_output_s is None or activation.simulated_s is None or period_s <= 0.0:
         return 0.0
     until_s = activation.first_output_s - activation.simulated_s

@@ -73,7 +73,7 @@ def test_both_formats_compile_to_the_same_plan_except_for_locations(form: str) -
     if form == "plan":
         plans = [json.loads(text) for text in (old, new)]
         for process in (process for plan in plans for process in plan["processes"]):
-            for made in (process, *process["promises"]):
+            for made in (process, *process["rates"]):
                 assert made.pop("origin")["path"].startswith("examples/dummy/")
         assert plans[0] == plans[1]
     else:

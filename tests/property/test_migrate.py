@@ -36,7 +36,7 @@ def plan_of(path: Path, text: str) -> dict[str, object]:
     assert outcome.plan is not None
     plan = asdict(outcome.plan)
     for node in plan["nodes"]:
-        for made in (node, *node["promises"]):
+        for made in (node, *node["rates"]):
             del made["origin"]
     return plan
 

@@ -172,7 +172,7 @@ def plan_without_places(outcome: Outcome) -> Plan | None:
             replace(
                 node,
                 origin=nowhere,
-                promises=tuple(replace(rate, origin=nowhere) for rate in node.promises),
+                rates=tuple(replace(rate, origin=nowhere) for rate in node.rates),
             )
             for node in plan.nodes
         ),

@@ -17,7 +17,7 @@ from typing import Final
 from obelisk_spec.runtime_protocol import TOLERANCE, USE_SIM_TIME, Rate
 from obk_cli.clock import monotonic_s
 from obk_cli.launch.events import OutputEvent, RatesReported, RatesUnreported
-from obk_cli.plan.plan import PlannedNode, Promise
+from obk_cli.plan.plan import PlannedNode, PlannedRate
 from obk_cli.ros.meters import (
     WATCH_TURN_S,
     WATCH_WINDOW_S,
@@ -111,7 +111,7 @@ class ExternalRates(AbstractContextManager["ExternalRates"]):
         restarted = [node for node in nodes if is_on_simulated_time(self._nodes[node])]
         for node in restarted:
             subscribed = meter.rates().keys()
-            for topic in {promise.topic for promise in self._nodes[node].promises}:
+            for topic in {expected.topic for expected in self._nodes[node].rates}:
                 if topic is not None and topic in subscribed:
                     meter.drop(topic)
             self._subscribe(meter, self._nodes[node])
@@ -129,9 +129,9 @@ class ExternalRates(AbstractContextManager["ExternalRates"]):
         self._subscribe(meter, node)
         seen = meter.rates()
         rates = tuple(
-            external_rate(promise, seen.get(promise.topic, NO_MESSAGES))
-            for promise in node.promises
-            if promise.topic is not None and measured_s > watch_window_s(promise.period_s)
+            external_rate(expected, seen.get(expected.topic, NO_MESSAGES))
+            for expected in node.rates
+            if expected.topic is not None and measured_s > watch_window_s(expected.period_s)
         )
         if rates:
             self._report(RatesReported(node=node.full_name, rates=rates, is_external=True))
@@ -145,15 +145,15 @@ class ExternalRates(AbstractContextManager["ExternalRates"]):
     def _subscribe(self, meter: RosMeter, node: PlannedNode) -> None:
         """Subscribe to the node's topics that exist by now."""
         subscribed = meter.rates().keys()
-        for promise in node.promises:
-            if promise.topic is None or promise.topic in subscribed:
+        for expected in node.rates:
+            if expected.topic is None or expected.topic in subscribed:
                 continue
-            seen = self._participant.topic(promise.topic)
+            seen = self._participant.topic(expected.topic)
             for msg_type in seen.published_types[:1]:
                 python_type = raw_type(msg_type, (end.type_hash for end in seen.publishers))
-                window = watch_window_s(promise.period_s)
+                window = watch_window_s(expected.period_s)
                 meter.add(
-                    promise.topic,
+                    expected.topic,
                     msg_type,
                     python_type,
                     window_s=window,
@@ -167,20 +167,20 @@ def is_on_simulated_time(node: PlannedNode) -> bool:
     return bool(node.parameters.get(USE_SIM_TIME))
 
 
-def external_rate(promise: Promise, seen: TopicRate) -> Rate:
+def external_rate(expected: PlannedRate, seen: TopicRate) -> Rate:
     """Return the rate measured on a topic; needs a full window, with or without messages."""
     measured_hz = seen.rate_hz or 0.0
     if seen.age_s:  # as if the next message arrived now
         measured_hz = min(measured_hz, max(1 / seen.age_s, 0.0))
-    is_low = measured_hz < (1 - TOLERANCE) / promise.period_s
+    is_low = measured_hz < (1 - TOLERANCE) / expected.period_s
     return Rate(
-        name=promise.name,
-        expected_hz=1 / promise.period_s,
+        name=expected.name,
+        expected_hz=1 / expected.period_s,
         measured_hz=measured_hz,
         ticks=seen.count,
         overruns=0,
         late_p50_us=0.0,
         late_p99_us=(seen.jitter_s or 0.0) * _US,
-        late_max_us=max(0.0, (seen.max_s or 0.0) - promise.period_s) * _US,
+        late_max_us=max(0.0, (seen.max_s or 0.0) - expected.period_s) * _US,
         standing="broken" if is_low else "kept",
     )

@@ -82,7 +82,7 @@ class RateWatch:
     def _unreported_rates(self, now: float) -> Iterator[RatesUnreported]:
         state = self._state
         for node, planned in state.nodes.items():
-            is_expected = planned.promises and state.states.get(node) == ACTIVE
+            is_expected = planned.rates and state.states.get(node) == ACTIVE
             if not is_expected or node in self._received or not state.is_local(node):
                 self._waiting_since.pop(node, None)
                 if not is_expected:
@@ -100,8 +100,8 @@ class RateWatch:
                 self._unreported.add(node)
                 yield RatesUnreported(
                     node=node,
-                    measured=tuple(p.name for p in planned.promises if p.topic),
-                    unknown=tuple(p.name for p in planned.promises if not p.topic),
+                    measured=tuple(p.name for p in planned.rates if p.topic),
+                    unknown=tuple(p.name for p in planned.rates if not p.topic),
                 )
 
     def _changes(self, node: str, rate: Rate, silent_s: float = 0.0) -> Iterator[OutputEvent]:

@@ -245,7 +245,7 @@ class StackState:
 
     def origin_of_rate(self, node: str, name: str) -> str:
         """Location of an expected period, `file:line:column`; empty if the config has none."""
-        places = (p.origin for p in self.nodes[node].promises if p.name == name)
+        places = (p.origin for p in self.nodes[node].rates if p.name == name)
         return str(next(places, ""))
 
     def is_resting(self, node: str) -> bool:

@@ -49,8 +49,8 @@ from obk_cli.plan.plan import (
     Plan,
     PlannedActuator,
     PlannedNode,
+    PlannedRate,
     PlannedSensorGroup,
-    Promise,
 )
 
 __all__ = ["DEFAULT_STACK_NAME", "lower_stack"]
@@ -103,27 +103,27 @@ def _lower_node(node: Node, environment: Environment) -> PlannedNode:
         model=next(models, None) if node.runs_simulation else None,
         sensor_groups=tuple(_sensor_groups(node)) if node.runs_simulation else (),
         actuators=tuple(_actuators(node, environment)) if node.runs_simulation else (),
-        promises=tuple(_promises(node, endpoints)),
+        rates=tuple(_rates(node, endpoints)),
         on_crash=_on_crash(node),
     )
 
 
-def _promises(node: Node, endpoints: tuple[TopicEndpoint, ...]) -> Iterator[Promise]:
+def _rates(node: Node, endpoints: tuple[TopicEndpoint, ...]) -> Iterator[PlannedRate]:
     sent = {end.component: end.topic for end in endpoints if end.direction == "publishes"}
     for timer in (c for c in node.used_components if c.kind == "timer"):
         if timer.identity and timer.timer_period_s is not None:
             topic = sent.get(publisher_of_timer(timer.identity))
-            yield _promise(timer.identity, timer.timer_period_s, topic)
+            yield _rate(timer.identity, timer.timer_period_s, topic)
     if node.runs_simulation:
         for group in (group for sim in node.sims for group in sim.sensor_groups):
             topic = absolute_topic(group.topic.value, node)
             if topic and group.period_s is not None:
-                yield _promise(topic, group.period_s, topic)
+                yield _rate(topic, group.period_s, topic)
 
 
-def _promise(name: str, period: Spanned[float], topic: str | None) -> Promise:
+def _rate(name: str, period: Spanned[float], topic: str | None) -> PlannedRate:
     origin = _origin(period.span)
-    return Promise(name=name, period_s=period.value, origin=origin, topic=topic)
+    return PlannedRate(name=name, period_s=period.value, origin=origin, topic=topic)
 
 
 def _on_crash(node: Node) -> OnCrash | None:

@@ -19,8 +19,8 @@ __all__ = [
     "Plan",
     "PlannedActuator",
     "PlannedNode",
+    "PlannedRate",
     "PlannedSensorGroup",
-    "Promise",
 ]
 
 
@@ -73,7 +73,7 @@ class PlannedActuator:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Promise:
+class PlannedRate:
     """An expected rate of a node."""
 
     name: str
@@ -110,7 +110,7 @@ class PlannedNode:
     sensor_groups: tuple[PlannedSensorGroup, ...] = ()
     actuators: tuple[PlannedActuator, ...] = ()
     """Actuators of the model, in its order; empty if it could not be read."""
-    promises: tuple[Promise, ...] = ()
+    rates: tuple[PlannedRate, ...] = ()
     on_crash: OnCrash | None = None
     """What the launcher does when the node crashes; None: the default of `obk launch`."""
     has_lifecycle: bool = True

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.plan.plan import Origin, Plan, PlannedNode, Promise
+from obk_cli.plan.plan import Origin, Plan, PlannedNode, PlannedRate
 from obk_testing.schedule import Schedule, bring_up_times
 
 BEGIN_S = 1_795_000_000.0
@@ -89,10 +89,10 @@ def test_a_node_without_inputs_begins_with_the_tick_before_its_first_message(
     line = json.dumps({**report, "time": BEGIN_S, "first_output_s": first_output_s})
     (run / "events.jsonl").write_text(f"{events}\n{line}\n")
     origin = Origin(path="walker.yaml", line=1, column=1)
-    ticks = Promise(name="timer_ctrl", period_s=0.004, origin=origin, topic="/ctrl")
-    other = Promise(name="timer_log", period_s=1.0, origin=origin)
+    ticks = PlannedRate(name="timer_ctrl", period_s=0.004, origin=origin, topic="/ctrl")
+    other = PlannedRate(name="timer_log", period_s=1.0, origin=origin)
     control, robot = PLAN.nodes
-    plan = replace(PLAN, nodes=(replace(control, promises=(ticks, other)), robot))
+    plan = replace(PLAN, nodes=(replace(control, rates=(ticks, other)), robot))
     assert bring_up_times(run, plan)["/control"] == pytest.approx(start_s, abs=1e-9)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from obk_cli.emit.json import emit_plan
 from obk_cli.files import resource_folder
-from obk_cli.plan.plan import Endpoint, Origin, Plan, PlannedNode, PlannedSensorGroup, Promise
+from obk_cli.plan.plan import Endpoint, Origin, Plan, PlannedNode, PlannedRate, PlannedSensorGroup
 
 from .plans import loop, node
 
@@ -19,7 +19,7 @@ DEFINITIONS = {
     "process": PlannedNode,
     "endpoint": Endpoint,
     "origin": Origin,
-    "promise": Promise,
+    "rate": PlannedRate,
     "sensor_group": PlannedSensorGroup,
 }
 

@@ -22,18 +22,16 @@ from obk_cli.launch.events import (
     VideoReported,
 )
 from obk_cli.launch.external_rates import external_rate
-from obk_cli.plan.plan import Origin, Plan, Promise
+from obk_cli.plan.plan import Origin, Plan, PlannedRate
 from obk_cli.ros.meters import TopicRate
 from obk_cli.runs.protocol import StackStatus
 
 from .world import CONTROLLER, ESTIMATOR, PLAN, ROBOT, World, rates
 
-PERIOD = Promise(name="timer", period_s=0.01, origin=Origin(path="c.yaml", line=7, column=21))
+PERIOD = PlannedRate(name="timer", period_s=0.01, origin=Origin(path="c.yaml", line=7, column=21))
 PROMISED = replace(
     PLAN,
-    nodes=tuple(
-        replace(p, promises=(PERIOD,)) if p.section == "control" else p for p in PLAN.nodes
-    ),
+    nodes=tuple(replace(p, rates=(PERIOD,)) if p.section == "control" else p for p in PLAN.nodes),
 )
 OFF, BROKEN = rates(CONTROLLER, 80, "off"), rates(CONTROLLER, 50, "broken")
 KEPT = rates(CONTROLLER, 100)
@@ -122,7 +120,7 @@ def with_topic(topic: str | None) -> Plan:
     return replace(
         PROMISED,
         nodes=tuple(
-            replace(p, promises=tuple(replace(one, topic=topic) for one in p.promises))
+            replace(p, rates=tuple(replace(one, topic=topic) for one in p.rates))
             for p in PROMISED.nodes
         ),
     )

@@ -139,11 +139,11 @@ def test_timers_and_sensor_groups_are_expected_rates_with_the_locations_of_their
 ) -> None:
     (tmp_path / "arm.xml").touch()
     robot, control, _ = lower(tmp_path).nodes
-    assert [(p.name, p.period_s, str(p.origin)) for p in robot.promises] == [
+    assert [(p.name, p.period_s, str(p.origin)) for p in robot.rates] == [
         ("timer_true_sim_state", 0.01, "arm.yaml:15:71"),
         ("/q", 0.002, "arm.yaml:20:25"),
     ]
-    assert control.promises == ()
+    assert control.rates == ()
 
 
 def test_a_simulator_reports_the_values_from_its_model(tmp_path: Path) -> None:
