@@ -412,6 +412,7 @@ class Evidence:
     """The last output lines of a stuck node's process, including its stack dump."""
 
     node: str
+    """The node; if it shares its process with others, the name of the process."""
     lines: tuple[str, ...]
 
 

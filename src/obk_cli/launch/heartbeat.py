@@ -46,7 +46,7 @@ class _Beat:
     queried: float | None = None
     """When the node was first queried since its last heartbeat; None: not since then."""
     grace_s: float = 0.0
-    """Extra time for a node that announced that it is busy [s]."""
+    """Extra time for a node that may be busy [s]."""
 
 
 class Heartbeat:
@@ -78,9 +78,14 @@ class Heartbeat:
         """Stop watching all nodes."""
         self._beats.clear()
 
-    def received(self, node: str, now: float, grace_s: float = 0.0) -> None:
-        """Record a heartbeat; the next one may come `grace_s` later than usual."""
+    def received(self, node: str, now: float) -> None:
+        """Record a heartbeat."""
         if node in self._beats:
+            self._beats[node] = _Beat(received=now, grace_s=self._beats[node].grace_s)
+
+    def allow(self, nodes: Iterable[str], now: float, grace_s: float) -> None:
+        """From now on, these nodes may be silent for `grace_s` longer than usual."""
+        for node in self._beats.keys() & set(nodes):
             self._beats[node] = _Beat(received=now, grace_s=grace_s)
 
     def due(self, now: float) -> tuple[str, ...]:

@@ -290,7 +290,7 @@ class ProcessControl:
         while context.loop.wait(until):
             pass
         dump = _newer_lines(before, context.processes.last_lines(unit))
-        context.publisher.publish(Evidence(node=node, lines=(*before[-LAST_LINES:], *dump)))
+        context.publisher.publish(Evidence(node=unit, lines=(*before[-LAST_LINES:], *dump)))
 
     def _signal_all(self, number: int) -> None:
         """Send a signal to all running processes, and wait until they exit."""

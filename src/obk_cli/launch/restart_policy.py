@@ -85,9 +85,6 @@ class RestartPolicy:
                 continue  # on another device: the launch that started it restarts it
             if self._is_over(crash):
                 continue
-            if crash.kind == "hung":
-                # All nodes in a process hang at the same time.
-                state.forget_crashes(crash.unit, hangs_only=True)
             if state.on_crash(crash.unit) == "ignore":
                 self._go_on_without(crash)
             else:

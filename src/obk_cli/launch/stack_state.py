@@ -32,7 +32,7 @@ class Crash:
     kind: Literal["ended", "hung", "fault"]
     text: str
     node: str
-    """The node at fault; for a process that ended or hangs, one of its nodes."""
+    """The node at fault; the unit if its process ended or hangs and the node is unknown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -209,6 +209,10 @@ class StackState:
         """The rule for a process that crashes."""
         return rule_of(self.members(unit), self._on_crash)
 
+    def housemates(self, node: str) -> tuple[str, ...]:
+        """The nodes in a node's process, with itself; for a node of another device, itself."""
+        return self.units[self.unit_of[node]].node_names if node in self.unit_of else (node,)
+
     def members(self, unit: str) -> tuple[PlannedNode, ...]:
         """The nodes in a process; for a node of another device, by its own name."""
         return self.units[unit].nodes if unit in self.units else (self.nodes[unit],)
@@ -232,16 +236,19 @@ class StackState:
             self.hung.discard(node)
             self.in_transition.discard(node)
 
-    def forget_crashes(self, unit: str, *, hangs_only: bool = False) -> None:
+    def forget_crashes(self, unit: str) -> None:
         """Drop the crashes of a process that is handled as a whole."""
-        kept = [c for c in self.crashes if c.unit != unit or (hangs_only and c.kind != "hung")]
+        kept = [crash for crash in self.crashes if crash.unit != unit]
         self.crashes.clear()
         self.crashes.extend(kept)
 
     def culprit(self, unit: str, last_words: str) -> str:
-        """The node that made a process exit, if its last line names one; otherwise the process."""
+        """The node that made a process exit, if its last line starts with one; otherwise the unit.
+
+        That line is `/node: cause` if the process of several nodes ends for a fault in one of them.
+        """
         names = self.units[unit].node_names
-        return next((name for name in names if name in last_words), unit)
+        return next((name for name in names if last_words.startswith(f"{name}: ")), unit)
 
     def origin_of_rate(self, node: str, name: str) -> str:
         """Location of an expected period, `file:line:column`; empty if the config has none."""

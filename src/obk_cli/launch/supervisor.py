@@ -399,9 +399,13 @@ class Supervisor:
             return hung
         if node in state.hung:
             return hung if self._give_up_if_overdue(hung) else None
+        is_known = not state.hung.isdisjoint(state.housemates(node))
         state.hung.add(node)
         self._context.publisher.publish(hung)
-        self._restarts.crashed(node, "hung", f"{node} hangs: no answer for {seconds:.1f} s")
+        if not is_known:
+            # All nodes in a process hang at the same time; nothing shows which one is the cause.
+            who = state.unit_of.get(node, node)
+            self._restarts.crashed(who, "hung", f"{who} hangs: no answer for {seconds:.1f} s")
         return hung
 
     def _give_up_if_overdue(self, hung: Hung) -> bool:
@@ -439,6 +443,7 @@ class Supervisor:
                 self._ready(event)
             case Answered(node=node):
                 self._state.in_transition.discard(node)
+                self._settled(node)
                 self._alive(node)
                 self._answered_late(event)
             case StateAnswered(node=node, state=state):
@@ -447,11 +452,13 @@ class Supervisor:
             # A transition requested here may take as long as the request allows.
             case TransitionStarted(node=node) if node not in {lead, *self._state.in_transition}:
                 now, limit_s = self._context.loop.now(), self._context.limits.transition_s
-                self._context.heartbeat.received(node, now, limit_s)
+                self._context.heartbeat.allow(self._state.housemates(node), now, limit_s)
             case StateSeen(node=node) if node != lead:
+                self._settled(node)
                 self._alive(node)
                 self._state_seen(event)
             case Failed(node=node) if node != lead:
+                self._settled(node)
                 self._failed(event)
             case RatesReported() | RejectionReported() | ActivationReported() | VideoReported():
                 self._reported(event)
@@ -548,6 +555,12 @@ class Supervisor:
             # On a device that does not lead, the lead may already have changed it.
             state.states[node] = event.state
         state.ready.add(node)
+
+    def _settled(self, node: str) -> None:
+        """Expect heartbeats of a process as usual, unless another of its nodes is in transition."""
+        names = self._state.housemates(node)
+        if self._state.in_transition.isdisjoint(names):
+            self._context.heartbeat.allow(names, self._context.loop.now(), 0.0)
 
     def _alive(self, node: str) -> None:
         state = self._state

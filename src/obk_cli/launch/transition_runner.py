@@ -7,7 +7,7 @@ from obk_cli.launch.event_loop import RunContext
 from obk_cli.launch.events import Answered, StateAnswered, TransitionEnded
 from obk_cli.launch.processes import ProcessControl
 from obk_cli.launch.transitions import UNKNOWN, tiers_down, tiers_up
-from obk_cli.runs.lifecycle import TRANSITIONS, Transition
+from obk_cli.runs.lifecycle import ACTIVE, TRANSITIONS, Transition
 from obk_cli.runs.protocol import ChangeAnswer, Member, Result
 
 __all__ = ["Change", "TransitionRunner", "reason"]
@@ -98,7 +98,7 @@ class TransitionRunner:
         waiting = {node for node in nodes if state.is_present(node) and node not in state.hung}
         members = {node: self._cut_short(node) for node in nodes if node not in waiting}
         for node in sorted(waiting):
-            self._request(node, transition.name, limit_s)
+            self._request(node, transition, limit_s)
         while (
             waiting and not context.run.must_leave and (event := context.loop.wait(start + limit_s))
         ):
@@ -133,13 +133,16 @@ class TransitionRunner:
             waiting = {node for node in waiting if state.is_present(node)}
         return frozenset(waiting)
 
-    def _request(self, node: str, transition: str, limit_s: float) -> None:
-        """Request a transition of a node, which may be busy with it for this long [s]."""
+    def _request(self, node: str, transition: Transition, limit_s: float) -> None:
+        """Request a transition of a node, whose process may be busy with it for this long [s]."""
         context = self._context
-        context.heartbeat.received(node, context.loop.now(), limit_s)
-        context.pending.add(node, transition)
+        now = context.loop.now()
+        if transition.goal == ACTIVE:
+            context.heartbeat.watch((node,), now)
+        context.heartbeat.allow(context.state.housemates(node), now, limit_s)
+        context.pending.add(node, transition.name)
         context.state.in_transition.add(node)
-        context.lifecycle.request(node, transition)
+        context.lifecycle.request(node, transition.name)
 
     def _concluded(self, transition: Transition, answer: Answered, start: float) -> Member:
         result: Result = "reached" if answer.success else "refused"

@@ -318,7 +318,7 @@ def test_a_node_that_failed_and_is_ignored_does_not_keep_the_others_from_a_chang
     assert world.of(GoesOnWithout) == [GoesOnWithout(nodes=(ESTIMATOR,))]
 
 
-def test_the_end_of_a_shared_process_is_attributed_to_the_node_in_its_last_output() -> None:
+def test_the_end_of_a_shared_process_is_attributed_to_the_node_that_starts_its_last_line() -> None:
     two = Plan(
         name="s",
         nodes=tuple(
@@ -326,7 +326,11 @@ def test_the_end_of_a_shared_process_is_attributed_to_the_node_in_its_last_outpu
             for line, section in enumerate(("control", "robot"), 1)
         ),
     )
-    for text, origin in (("", ""), (f"{ROBOT} died", "c.yaml:2:1")):
+    for text, origin in (
+        ("", ""),
+        (f"{ROBOT}: tick: no message of {CONTROLLER}", "c.yaml:2:1"),
+        (f"[INFO] [obelisk_robot_0]: waiting for {CONTROLLER}", ""),
+    ):
         world = World(plan=two, together=ALL)
         world.later.append(ProcessEnded(process="/s/composed", code=1, text=text))
         assert world.run(duration_s=None).origin == origin

@@ -19,6 +19,7 @@ from obk_cli.launch.events import (
     Restarted,
     Restarting,
     StackStateChanged,
+    StateAnswered,
     StateSeen,
     StatusRequested,
     StopRequested,
@@ -178,6 +179,86 @@ def test_a_short_silence_is_no_hang() -> None:
     )
     assert world.run(duration_s=None).exit_code == 0
     assert not world.of(Hung)
+
+
+def answered(node: str, transition: str) -> Answered:
+    return Answered(node=node, transition=transition, success=True, fault="")
+
+
+def test_a_robot_that_hangs_while_other_nodes_are_activated_is_detected_at_once() -> None:
+    world = World(silent={(ESTIMATOR, "activate")})
+    world.later.extend([lambda: world.mute.add(ROBOT), 9.0])
+    ended = world.run()
+    assert [event.node for event in world.of(Hung) if isinstance(event, Hung)] == [ROBOT]
+    assert ended.cause.startswith(f"{ROBOT} hangs")
+    assert "activate" not in world.transitions_of(CONTROLLER)
+
+
+def test_a_node_may_be_silent_for_the_time_limit_of_its_activation() -> None:
+    world = World(silent={(ESTIMATOR, "activate")})
+    silence = [
+        lambda: world.mute.add(ESTIMATOR),
+        8.0,
+        lambda: world.mute.discard(ESTIMATOR),
+        answered(ESTIMATOR, "activate"),
+    ]
+    world.later.extend(silence)
+    assert world.run().exit_code == 0
+    assert not world.of(Hung)
+
+
+def test_a_transition_may_block_the_other_nodes_of_its_process() -> None:
+    all_nodes = {CONTROLLER, ESTIMATOR, ROBOT}
+    for transition in ("activate", "deactivate"):
+        world = World(
+            together=frozenset(all_nodes), silent={(CONTROLLER, transition)}, mute=set(all_nodes)
+        )
+        if transition == "deactivate":
+            world.mute.clear()
+            change = ChangeRequested(
+                transition=transition, nodes=(CONTROLLER,), reply=lambda _: None
+            )
+            world.later.extend([1.0, change, partial(world.mute.update, all_nodes)])
+        thaw = partial(world.mute.difference_update, all_nodes)
+        answer = answered(CONTROLLER, transition)
+        world.later.extend([8.0, thaw, world.silent.clear, answer, 3.0, STOP])
+        assert world.run(duration_s=None).exit_code == 0
+        assert not world.of(Hung)
+
+
+def test_a_reply_that_is_older_than_the_request_does_not_end_its_time_limit() -> None:
+    world = World(silent={(CONTROLLER, "deactivate")})
+    change = ChangeRequested(transition="deactivate", nodes=(CONTROLLER,), reply=lambda _: None)
+    silence = [
+        lambda: world.mute.add(CONTROLLER),
+        change,
+        StateAnswered(node=CONTROLLER, state="active"),
+        8.0,
+        world.mute.clear,
+        world.silent.clear,
+        answered(CONTROLLER, "deactivate"),
+        3.0,
+        STOP,
+    ]
+    world.later.extend(silence)
+    assert world.run(duration_s=None).exit_code == 0
+    assert not world.of(Hung)
+
+
+def test_a_hang_is_detected_soon_after_a_transition() -> None:
+    world = World(together=frozenset({CONTROLLER, ROBOT}))
+    change = ChangeRequested(transition="deactivate", nodes=(CONTROLLER,), reply=lambda _: None)
+    world.later.extend([change, 1.0, partial(world.mute.update, {CONTROLLER, ROBOT}), 3.0, STOP])
+    assert world.run(duration_s=None).exit_code == 1
+    assert world.of(Hung)
+
+
+def test_a_hang_of_a_shared_process_is_attributed_to_the_process() -> None:
+    world = World(together=frozenset({CONTROLLER, ESTIMATOR, ROBOT}))
+    hang_together(world, for_s=10.0)
+    ended = world.run(duration_s=None)
+    assert ended.cause.startswith("/s/composed hangs")
+    assert (ended.origin, ended.consequences) == ("", 0)
 
 
 def test_a_transition_without_a_response_shows_where_the_node_is_stuck() -> None:
