@@ -143,6 +143,17 @@ def test_spin_obelisk_shuts_its_node_down_cleanly(executor: str, number: signal.
     assert (code, output) == (0, "deactivated\nshut down\n"), errors
 
 
+@pytest.mark.parametrize("end", ["0", "3"])
+def test_an_exit_in_a_callback_shuts_the_node_down_and_is_reported(end: str) -> None:
+    settings = [a for name, value in SETTINGS.items() for a in ("-p", f"{name}:={value!r}")]
+    leaving = CONTROLLER.replace('print("ready", flush=True)', f"sys.exit({end})")
+    process = start(leaving.format(executor="None"), "--ros-args", *settings)
+    code, output, errors = ended(process)
+    assert (code, output) == (int(end), "deactivated\nshut down\n"), errors
+    assert "in compute_control" in errors
+    assert errors.splitlines()[-1] == f"SystemExit: {end}"
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_program_may_initialize_ros_before_it_calls_spin_obelisk(number: signal.Signals) -> None:
     settings = [a for name, value in SETTINGS.items() for a in ("-p", f"{name}:={value!r}")]

@@ -32,7 +32,7 @@ from rclpy.timer import Timer
 from obelisk_py.core.clock_page import ClockPage, open_clock_page
 from obelisk_py.core.exceptions import ObeliskError
 from obelisk_py.core.executor import EventLoopExecutor
-from obelisk_py.core.faults import NodeFault
+from obelisk_py.core.faults import NodeFault, fault_of
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_py.core.shared_clock import new_nodes_follow
 from obelisk_py.core.time_slice import shorten_time_slice
@@ -347,6 +347,10 @@ def _spin_alone(request: SpinRequest) -> int:
             return 1
         try:
             died = spin_nodes(executor, [node], signals)
+        except SystemExit as end:
+            # Python itself would exit without a word.
+            node.get_logger().error(str(fault_of(end, "a callback")))
+            raise
         finally:
             executor.shutdown()
     return int(died is not None)

@@ -253,7 +253,7 @@ class LaunchReport:
                 yield f"  {name}: {event.transition} {self._paint(colour, mark)}{took}"
                 yield from self._fault(event.fault)
             case StateSeen():
-                why = "requested elsewhere" if event.transition else "after its failure"
+                why = "not requested by this launch" if event.transition else "after its failure"
                 yield f"  {name}: {event.state} ({why})"
             case Failed():
                 yield self._paint(_RED, f"  {name}: FAILED")

@@ -65,7 +65,7 @@ REACHED: Final[dict[Until, str]] = {
     "configured": "configured",
     "active": "active",
 }
-FROM_ELSEWHERE: Final = "every node was shut down by another program"
+NOT_BY_US: Final = "every node was shut down, but not by this launch"
 
 
 class Supervisor:
@@ -297,7 +297,7 @@ class Supervisor:
             )
         )
         if state.are_all(state.counted(), FINALIZED):
-            self._run.stop(FROM_ELSEWHERE)
+            self._run.stop(NOT_BY_US)
         return answer
 
     # --- shutdown ---
@@ -615,7 +615,7 @@ class Supervisor:
         self._context.publisher.publish(event)
         # A state change without a transition results from a failure, which has its own event.
         if event.transition and state.are_all(state.local_nodes() - state.lost, FINALIZED):
-            self._run.stop(FROM_ELSEWHERE)
+            self._run.stop(NOT_BY_US)
 
     def _failed(self, event: Failed) -> None:
         """Handle a failure as a crash, unless it happened in a requested transition."""

@@ -73,7 +73,7 @@ def test_a_rejected_transition_shows_the_nodes_own_message_and_traceback() -> No
 
 def test_a_change_from_elsewhere_is_reported() -> None:
     seen = StateSeen(node=CONTROL, state="inactive", transition="deactivate")
-    assert lines_of(seen) == ["  control_0: inactive (requested elsewhere)"]
+    assert lines_of(seen) == ["  control_0: inactive (not requested by this launch)"]
 
 
 def test_the_way_out_of_a_failure_is_not_reported_as_a_change_from_elsewhere() -> None:
