@@ -93,6 +93,17 @@ def test_its_config_is_valid_without_a_finding(here: Path) -> None:
     assert outcome.config is not None
 
 
+def test_the_command_for_the_real_robot_is_removed_with_the_simulated_one(here: Path) -> None:
+    obk_init("my_robot")
+    config = here / "my_robot" / "my_robot.yaml"
+    (command_line,) = re.findall("# For the real robot: `obk (.+)`", config.read_text())
+    words = [sys.executable, "-c", OBK, *shlex.split(command_line)]
+    subprocess.run(words, check=True, cwd=config.parent, stdout=subprocess.DEVNULL)
+    text = config.read_text()
+    assert "is_simulated: false" in text
+    assert "real robot" not in text
+
+
 @pytest.mark.parametrize(
     ("source", "is_local"),
     [
