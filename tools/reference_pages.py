@@ -1,8 +1,9 @@
-"""Generate the reference pages of commands, config keys, messages and classes.
+"""Generate the reference pages of commands, config keys, messages, classes and JSON output.
 
 Reads the help of `obk`, `schema/obelisk.schema.json`, the definitions in `interfaces/`, the table
-of sensor groups and the source of `obelisk_py`. Writes `docs/reference/{commands,config,messages,
-classes}.md`. `--check` writes nothing and fails if a page is stale.
+of sensor groups, the source of `obelisk_py` and data classes of `obk_cli`. Writes
+`docs/reference/{commands,config,messages,classes,json}.md`. `--check` writes nothing and fails if a
+page is stale.
 """
 
 import json
@@ -15,6 +16,7 @@ from typing import Any
 import click
 from class_page import class_page
 from generated import ROOT, bring_up_to_date
+from json_page import json_page
 
 from obelisk_spec.sensors import SENSOR_GROUPS, GroupRule
 from obk_cli.cli.commands import VERBS, root_command
@@ -39,6 +41,7 @@ def generated_files() -> dict[Path, str]:
         "config": _config(),
         "messages": _messages(),
         "classes": class_page(),
+        "json": json_page(),
     }
     return {
         PAGES / f"{name}.md": "\n\n".join(parts).rstrip() + "\n" for name, parts in pages.items()

@@ -153,7 +153,7 @@ class Rate:
     late_p99_us: float
     late_max_us: float
     standing: Standing = "kept"
-    """`off`: more than `TOLERANCE` below the expected rate; `broken`: for at least 2 s."""
+    """`off`: more than 10 % below the expected rate; `broken`: for at least 2 s."""
 
     def __str__(self) -> str:
         return f"{self.name} runs at {hz(self.measured_hz)} of {hz(self.expected_hz)} Hz"

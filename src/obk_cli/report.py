@@ -7,8 +7,10 @@ Info-level findings have only the message, unless `verbose` is set.
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import PurePath
+from typing import TypedDict
 from urllib.parse import quote
 
 from obelisk_spec.suggestions import with_number
@@ -18,7 +20,14 @@ from obk_cli.diagnostics.rules import rule_of
 from obk_cli.diagnostics.source import Span
 from obk_cli.terminal import escaped, visible
 
-__all__ = ["report_github", "report_json", "report_sarif", "report_text", "summary"]
+__all__ = [
+    "FindingsReport",
+    "report_github",
+    "report_json",
+    "report_sarif",
+    "report_text",
+    "summary",
+]
 
 _COLOURS: dict[str, str] = {"error": "31", "warning": "33", "info": "36", "help": "32", "dim": "2"}
 _SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
@@ -109,36 +118,110 @@ def _window(line: str, span: Span) -> tuple[str, int]:
     return shown, span.column - start + len(before)
 
 
+class _Place(TypedDict):
+    path: str
+    line: int
+    column: int
+    end_line: int
+    end_column: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RelatedPlace:
+    """Another place that concerns a finding."""
+
+    message: str
+    path: str
+    line: int
+    column: int
+    end_line: int
+    end_column: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportedEdit:
+    """A part of a file, and the text that replaces it."""
+
+    path: str
+    line: int
+    column: int
+    end_line: int
+    end_column: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportedFix:
+    """A fix that `obk validate --fix` would make."""
+
+    edits: tuple[ReportedEdit, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportedFinding:
+    """A finding and its place."""
+
+    code: str
+    severity: Severity
+    message: str
+    path: str
+    """The file; as given on the command line, or as included from there."""
+    line: int
+    """The first line, counting from 1."""
+    column: int
+    """The first character, counting from 1."""
+    end_line: int
+    """The last line."""
+    end_column: int
+    """The character after the last one."""
+    help: str | None
+    """What would be right; null: nothing to add."""
+    fix: ReportedFix | None
+    """The edits of a safe fix; null: there is none."""
+    related: tuple[RelatedPlace, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FindingsReport:
+    """The findings of all checked configs."""
+
+    files: tuple[str, ...]
+    """The checked configs, as given on the command line."""
+    diagnostics: tuple[ReportedFinding, ...]
+    """The findings, in the order of the text output."""
+    counts: dict[Severity, int]
+    """Number of findings of each severity."""
+
+
 def report_json(paths: Iterable[str], diagnostics: Iterable[Diagnostic]) -> str:
-    """One JSON object: `files`, `diagnostics`, `counts`."""
+    """A `FindingsReport` as one JSON object."""
     findings = tuple(diagnostics)
     counts = Counter(finding.severity for finding in findings)
-    report = {
-        "files": list(paths),
-        "diagnostics": [_json_finding(finding) for finding in findings],
-        "counts": {severity: counts[severity] for severity in ("error", "warning", "info")},
-    }
-    return json.dumps(report, indent=2, ensure_ascii=False)
+    report = FindingsReport(
+        files=tuple(paths),
+        diagnostics=tuple(map(_reported, findings)),
+        counts={severity: counts[severity] for severity in _SEVERITIES},
+    )
+    return json.dumps(asdict(report), indent=2, ensure_ascii=False)
 
 
-def _json_finding(finding: Diagnostic) -> dict[str, object]:
-    return {
-        "code": finding.code,
-        "severity": finding.severity,
-        "message": finding.message,
-        **_json_place(finding.span),
-        "help": finding.help,
-        "fix": {"edits": [_json_edit(edit) for edit in finding.fix]} if finding.fix else None,
-        "related": [{"message": r.message, **_json_place(r.span)} for r in finding.related],
-    }
+def _reported(finding: Diagnostic) -> ReportedFinding:
+    edits = tuple(ReportedEdit(**_place(edit.place), text=edit.text) for edit in finding.fix)
+    return ReportedFinding(
+        code=finding.code,
+        severity=finding.severity,
+        message=finding.message,
+        **_place(finding.span),
+        help=finding.help,
+        fix=ReportedFix(edits=edits) if edits else None,
+        related=tuple(
+            RelatedPlace(message=related.message, **_place(related.span))
+            for related in finding.related
+        ),
+    )
 
 
-def _json_edit(edit: Edit) -> dict[str, object]:
-    """The replaced span and its replacement."""
-    return {**_json_place(edit.place), "text": edit.text}
-
-
-def _json_place(span: Span) -> dict[str, object]:
+def _place(span: Span) -> _Place:
     return {
         "path": span.path,
         "line": span.line,

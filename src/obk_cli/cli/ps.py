@@ -3,8 +3,7 @@
 import json
 import os
 from collections.abc import Iterator
-from dataclasses import asdict
-from typing import Any
+from dataclasses import asdict, dataclass
 
 from obk_cli.cli.options import FormatOption, wants_json
 from obk_cli.process.identity import seconds_since
@@ -14,10 +13,43 @@ from obk_cli.runs.protocol import NodeStatus
 from obk_cli.runs.registry import LiveStack, live_stacks, select_runs, status_text
 from obk_cli.terminal import plain
 
-__all__ = ["EXAMPLE", "command"]
+__all__ = ["EXAMPLE", "ListedStacks", "command"]
 
 EXAMPLE = "Example: obk ps --format json"
 LONGEST_COMMAND = 100
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ListedStack:
+    """A running stack, or the part of it that runs on this host."""
+
+    name: str
+    run: str
+    """The name of its run's folder."""
+    folder: str
+    """The absolute path of this folder."""
+    config: str
+    """The path of its config."""
+    devices: tuple[str, ...]
+    """The devices whose nodes run here; empty: all of them."""
+    domain: int
+    """The ROS domain."""
+    state: str | None
+    """The furthest state that every node has reached, or the current transition; None: the launcher
+    does not answer."""
+    launcher: int
+    """The PID of the launcher."""
+    uptime_s: float
+    nodes: tuple[NodeStatus, ...]
+    """Empty if the launcher does not answer."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ListedStacks:
+    """The stacks that run on this host, and what others left behind."""
+
+    stacks: tuple[ListedStack, ...]
+    orphans: tuple[Orphan, ...]
 
 
 def command(format: FormatOption = "text") -> None:
@@ -30,8 +62,8 @@ def command(format: FormatOption = "text") -> None:
     stacks = live_stacks(select_runs(parent))
     orphans = find_orphans(parent)
     if is_json:
-        document = {"stacks": [*map(_data, stacks)], "orphans": [*map(asdict, orphans)]}
-        print(json.dumps(document, indent=1))
+        listed = ListedStacks(stacks=tuple(map(_listed, stacks)), orphans=orphans)
+        print(json.dumps(asdict(listed), indent=1))
         return
     for stack in stacks:
         print("\n".join(map(plain, _text(stack))))
@@ -45,20 +77,20 @@ def _uptime_s(stack: LiveStack) -> float:
     return stack.status.seconds if stack.status else seconds_since(stack.run.started)
 
 
-def _data(stack: LiveStack) -> dict[str, Any]:
+def _listed(stack: LiveStack) -> ListedStack:
     run, status = stack.run, stack.status
-    return {
-        "name": run.name,
-        "run": stack.folder.name,
-        "folder": str(stack.folder),
-        "config": run.config,
-        "devices": list(run.devices),
-        "domain": run.domain,
-        "state": status.state if status else None,
-        "launcher": run.pid,
-        "uptime_s": round(_uptime_s(stack), 3),
-        "nodes": [asdict(node) for node in status.nodes] if status else [],
-    }
+    return ListedStack(
+        name=run.name,
+        run=stack.folder.name,
+        folder=str(stack.folder),
+        config=run.config,
+        devices=run.devices,
+        domain=run.domain,
+        state=status.state if status else None,
+        launcher=run.pid,
+        uptime_s=round(_uptime_s(stack), 3),
+        nodes=status.nodes if status else (),
+    )
 
 
 def _text(stack: LiveStack) -> Iterator[str]:

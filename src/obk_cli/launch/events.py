@@ -90,7 +90,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcessStarted:
-    """A process has started; `process` is the name of its unit."""
+    """A process has started."""
 
     process: str
     pid: int
@@ -176,7 +176,7 @@ class Failed:
 
     node: str
     fault: str
-    """As the node reported it, or `UNKNOWN_FAULT`; empty if the node cannot report faults."""
+    """As the node reported it, or that it did not; empty if the node cannot report faults."""
     transition: str = ""
     """The transition that failed; empty if the node failed outside a transition."""
 
@@ -270,13 +270,15 @@ InputEvent = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TransitionEnded:
-    """A node's part of a transition has ended, after this time [s]."""
+    """A node's part of a transition has ended."""
 
     node: str
     transition: str
     result: Result
     seconds: float
+    """Since the request [s]."""
     fault: str = ""
+    """As the node reported it; otherwise empty."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -287,6 +289,7 @@ class Phase:
     seconds: float
     """Since the launch [s]."""
     detail: str = ""
+    """Why the stack stops, which nodes are rolled back, and the like; may be empty."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
