@@ -18,6 +18,7 @@ from typing import Final, Protocol, Self
 
 from obk_cli.clock import monotonic_s, wall_s
 from obk_cli.errors import ObkError
+from obk_cli.files import explain_os_error
 from obk_cli.launch.event_lines import Journal, JsonReport, LaunchReport
 from obk_cli.launch.events import Ended, OutputEvent, OutputLine
 from obk_cli.launch.process_groups import Unit
@@ -388,7 +389,7 @@ class Output:
 
     def unwritable(self, error: OSError) -> None:
         """Report that log files can no longer be written."""
-        self.note(f"warning: {NO_LOGS}: {error}")
+        self.note(f"warning: {NO_LOGS}: {explain_os_error(error)}")
 
 
 class Console:

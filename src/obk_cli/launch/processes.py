@@ -295,20 +295,24 @@ class ProcessControl:
     def _signal_all(self, number: int) -> None:
         """Send a signal to all running processes, and wait until they exit."""
         context, state = self._context, self._context.state
+        sent: dict[str, int] = {}
         for unit in sorted(state.running):
             # Before it is ready, a node does not handle SIGINT yet, but Python does, with a
             # useless traceback.
             early = number == signal.SIGINT and state.is_early(unit)
-            context.processes.signal(unit, signal.SIGTERM if early else number)
+            sent[unit] = signal.SIGTERM if early else number
+            context.processes.signal(unit, sent[unit])
         start = context.loop.now()
         while state.running:
             is_short = context.run.force_quit and number != signal.SIGKILL
             grace_s = context.limits.hurry_s if is_short else context.limits.grace_s
             if context.loop.wait(start + grace_s) is None:
-                late = tuple(sorted(state.running))
-                name = signal.Signals(number).name
-                event = SignalIgnored(processes=late, signal=name, seconds=grace_s)
-                context.publisher.publish(event)
+                for each in sorted(set(sent.values())):
+                    late = tuple(u for u in sent if u in state.running and sent[u] == each)
+                    name = signal.Signals(each).name
+                    if late:
+                        event = SignalIgnored(processes=late, signal=name, seconds=grace_s)
+                        context.publisher.publish(event)
                 return
 
 

@@ -156,6 +156,15 @@ def test_nothing_follows_the_end_on_the_screen(tmp_path: Path, launch: Launch) -
     assert "after" in (tmp_path / "launch.log").read_text()
 
 
+def test_a_full_disk_is_reported_in_words(tmp_path: Path, launch: Launch) -> None:
+    (tmp_path / "launch.log").symlink_to("/dev/full")
+    shown = Shown()
+    output = Output(tmp_path, shown, launch.report, ())  # type: ignore[arg-type]
+    output.note("a line")
+    warnings = [line for line in shown.lines if line.startswith("warning: ")]
+    assert [line.rpartition(": ")[2] for line in warnings] == ["no space left on device"]
+
+
 def test_the_log_has_a_line_for_each_event(tmp_path: Path, launch: Launch) -> None:
     shown = Shown()
     output = Output(tmp_path, shown, launch.report, ())  # type: ignore[arg-type]
