@@ -217,7 +217,7 @@ class WardenProcesses:
             pump.join(LAST_WORDS_S)
         # A copy, because children of the process may still write.
         lines = [line for line in self.last_lines(node) if line.strip()]
-        return lines[-1] if lines else ""
+        return lines[-1].strip() if lines else ""
 
     def _pump(self, node: str, read_fd: int, lines: deque[str]) -> None:
         with open(read_fd, encoding="utf-8", errors="replace") as output:

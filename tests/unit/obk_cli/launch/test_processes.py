@@ -96,6 +96,12 @@ def test_output_environment_folder_and_exit_code_are_passed_on(
     assert run.ended() == ProcessEnded(process="/a", code=3, text=f"hi {tmp_path}")
 
 
+def test_the_last_line_that_is_not_blank_is_the_reason_of_an_exit(bench: MakeBench) -> None:
+    run = bench({"a": "import sys; print('x\\n  ValueError: no gain\\n\\n'); sys.exit(1)"})
+    run.start("a")
+    assert run.ended() == ProcessEnded(process="/a", code=1, text="ValueError: no gain")
+
+
 def test_the_output_of_a_process_that_has_ended_is_complete(
     bench: MakeBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
