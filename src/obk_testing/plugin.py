@@ -372,7 +372,8 @@ def stack(request: pytest.FixtureRequest, _stacks: LoadedStacks) -> Iterator[Sta
         if error is not None:
             _fail(error)
         trials.started.append(trial)
-        trials.overridden |= used_overrides(_config_of(request, config)[1], changes)
+        own = (*changes, *trial.parameter_paths())
+        trials.overridden |= used_overrides(_config_of(request, config)[1], own)
         trials.schedules.add("own" if given else "varied" if trial.seed else "ideal")
         return trial
 

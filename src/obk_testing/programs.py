@@ -15,7 +15,7 @@ import tempfile
 import threading
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -76,6 +76,8 @@ class CompiledStack:
     """Full names of robots for which the config does not specify whether they are hardware."""
     left_out: tuple[PlannedNode, ...] = ()
     """Nodes of the config that are not in the plan; stubs may publish their topics."""
+    places: Mapping[str, str] = field(default_factory=dict)
+    """Full name of a node -> its path in the config, `control[0]`."""
     warnings: tuple[Diagnostic, ...] = ()
     """Warnings about the overrides."""
 
@@ -137,6 +139,7 @@ def compile_stack(
         environment=outcome.environment,
         unclear_robots=unclear,
         left_out=tuple(each for each in outcome.plan.nodes if each.full_name in left_out),
+        places={node.full_name: f"{node.section}[{node.index}]" for node in outcome.config.nodes},
         warnings=tuple(
             finding
             for finding in outcome.diagnostics
@@ -283,6 +286,7 @@ class LoadedStack:
         self.config = compiled.config
         self.environment = compiled.environment
         self.left_out = compiled.left_out
+        self.places = compiled.places
         self.warnings = compiled.warnings
         self._is_variant = False
         self.participant = _participant

@@ -92,7 +92,7 @@ def used_overrides(settings: Iterable[str], changes: Sequence[str]) -> set[str]:
 
     Args:
         settings: overrides on the command line, `PATH=VALUE`.
-        changes: overrides in the test.
+        changes: what the test changes, `PATH=VALUE` or `PATH`.
     """
     own = tuple(f"{_path(change)}." for change in changes)
     paths = (setting.partition("=")[0] for setting in settings)

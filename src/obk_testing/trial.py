@@ -12,7 +12,7 @@ import re
 import time
 import weakref
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Self
@@ -219,6 +219,11 @@ class StackTrial:
         finally:
             self.wall_s += time.perf_counter() - start_s
         return self._result()
+
+    def parameter_paths(self) -> Iterator[str]:
+        """Yield the config paths of the parameters that the test set at the start of the trial."""
+        for name, parameters in self._parameters.items():
+            yield from (f"{self.stack.places[name]}.params.{one}" for one in parameters)
 
     def result(self) -> TrialResult:
         """Return the trial from its start until now."""

@@ -180,6 +180,23 @@ def test_a_test_that_ends_the_process_is_an_error_and_a_sweep_keeps_its_recordin
     assert kept.is_file()
 
 
+def test_a_test_that_sets_a_parameter_or_the_keyframe_itself_does_not_use_the_override(
+    folder: Path,
+) -> None:
+    (folder / "tests" / "test_it.py").write_text(
+        "import pytest\n\n"
+        'OWN = [{}, {"parameters": {"robot": {"ic_keyframe": "ic"}}}, {"keyframe": "ic"}]\n\n'
+        '@pytest.mark.parametrize("own", OWN)\n'
+        "def test_it(stack, own):\n    stack(**own).run(0.01)\n"
+    )
+    text = (folder / "dummy_new.yaml").read_text()
+    (folder / "dummy.yaml").write_text(text)
+    done = run(folder, "--set", "robot[0].params.ic_keyframe=ic")
+    assert done.returncode == 0, done.stdout + done.stderr
+    noted = re.findall(r"note: .*ic_keyframe.* test_it\[(own\d)\]", done.stdout.replace("::", " "))
+    assert noted == ["own1", "own2"]
+
+
 def test_an_empty_selection_and_an_unknown_test_are_misuse(folder: Path) -> None:
     assert run(folder, "-k", "nothing_at_all").returncode == 2
     assert run(folder, "--again", "tests/no.py::test_x[seed1]").returncode == 2
