@@ -6,12 +6,14 @@ import copy
 import datetime
 import functools
 import inspect
+import multiprocessing
 import os
 import pickle
 import queue
 import random
 import sched
 import socket
+import subprocess
 import threading
 import time
 import uuid
@@ -474,6 +476,45 @@ def test_a_guest_thread_that_never_sleeps_is_an_error_with_its_stack(
     ended.set()
     thread.join()
     assert not thread.is_alive()
+
+
+CHILD_WAITS: dict[str, Callable[[subprocess.Popen[bytes], float], object]] = {
+    "wait": lambda child, limit_s: child.wait(limit_s),
+    "communicate": lambda child, limit_s: child.communicate(timeout=limit_s),
+}
+
+
+@pytest.mark.parametrize("name", CHILD_WAITS)
+def test_the_time_limit_of_a_child_process_is_real_time(world: World, name: str) -> None:
+    wait = CHILD_WAITS[name]
+
+    def wait_for_child() -> float:
+        with subprocess.Popen(["sleep", "600"], stdout=subprocess.PIPE) as child:
+            with pytest.raises(subprocess.TimeoutExpired):
+                wait(child, 0.05)
+            child.kill()
+            wait(child, 60.0)
+        return time.time()
+
+    assert _in_callback(world, wait_for_child) == 1.5
+    assert not world.notes
+
+
+def test_the_time_limit_of_a_pipe_of_multiprocessing_is_real_time(world: World) -> None:
+    ours, theirs = multiprocessing.Pipe()
+    with ours, theirs:
+        assert _in_callback(world, lambda: (ours.poll(0.05), time.time())) == (False, 1.5)
+
+
+def test_the_time_limit_of_a_queue_of_multiprocessing_is_real_time(world: World) -> None:
+    numbers: Any = multiprocessing.Queue()
+
+    def wait() -> float:
+        with pytest.raises(queue.Empty):
+            numbers.get(timeout=0.05)
+        return time.time()
+
+    assert _in_callback(world, wait) == 1.5
 
 
 @pytest.fixture

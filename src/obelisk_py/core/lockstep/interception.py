@@ -66,6 +66,8 @@ _TIMED: Final = (threading, queue, sched)
 _CLOCKS: Final = ("CLOCK_REALTIME", "CLOCK_MONOTONIC", "CLOCK_MONOTONIC_RAW", "CLOCK_BOOTTIME")
 """System clocks that show the time, as opposed to the CPU time of a process or thread."""
 _EVENT_LOOPS: Final = ("asyncio.",)
+_OF_PROCESSES: Final = ("subprocess.", "multiprocessing.")
+"""Modules that wait for other processes, which take real time."""
 _OWN_WAITS: Final = ("obelisk_py.",)
 _OWN_THREADS: Final = (*_OWN_WAITS, "threading.", "rclpy.", "mujoco.")
 """Modules whose waits and threads do not belong to user code."""
@@ -243,7 +245,7 @@ def _replacements() -> Iterator[tuple[Any, str, Any]]:
 def _simulated(real: Callable[[], Any], *, in_seconds: bool) -> Callable[[], Any]:
     def call() -> Any:
         run = _process.inside()
-        if run is None:
+        if run is None or _is_of(_OF_PROCESSES, sys._getframe(1)):
             return real()
         time_ns = run.scheduler.time_ns
         return time_ns / NS_PER_S if in_seconds else time_ns
@@ -285,7 +287,9 @@ def _text_of_present(real: Callable[..., str]) -> Callable[..., str]:
 def _sleep_function(real: Callable[[float], None]) -> Callable[[float], None]:
     def sleep(seconds: float) -> None:
         run, guest = _process.inside(), guest_of(threading.current_thread())
-        if guest is not None:
+        if _is_of(_OF_PROCESSES, sys._getframe(1)):
+            real(seconds)
+        elif guest is not None:
             guest.sleep(seconds)  # also while it ends after the run
         elif run is None:
             real(seconds)
