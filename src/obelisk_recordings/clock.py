@@ -1,16 +1,19 @@
 """The clock of a recorded run's nodes: wall time, or simulated time read from message stamps."""
 
+import struct
 from collections.abc import Iterator
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from obelisk_recordings.layout import MessageDefinition
+from obelisk_recordings.layout import HEADER, MessageDefinition, layout_of
 from obelisk_recordings.run import RecordedRun
 from obelisk_spec.runtime_protocol import USE_SIM_TIME
 
-__all__ = ["RecordedClock", "begins_with_header"]
+__all__ = ["RecordedClock", "with_earlier_stamps"]
 
+_NS_PER_S: Final = 1_000_000_000
 Times = NDArray[np.int64]
 
 
@@ -64,13 +67,31 @@ class RecordedClock:
 def _stamps(run: RecordedRun) -> Iterator[tuple[Times, Times]]:
     """Publication times and stamps [ns] of all topics with stamped messages."""
     definitions = run.definitions(run.topics)
-    topics = {name for name, one in definitions.items() if begins_with_header(one)}
+    topics = {name for name, one in definitions.items() if _begins_with_header(one)}
     for part in run.parts(topics):
         is_set = part.stamps_ns > 0
         yield part.messages.published_ns[is_set], part.stamps_ns[is_set]
 
 
-def begins_with_header(definition: MessageDefinition) -> bool:
+def _begins_with_header(definition: MessageDefinition) -> bool:
     """Whether the messages begin with a `std_msgs/Header`, and thus with a stamp."""
     first = next(iter(definition.types.get(definition.root, ())), None)
-    return first is not None and (first.name, first.kind) == ("header", "std_msgs/Header")
+    return first is not None and (first.name, first.kind) == ("header", HEADER)
+
+
+def with_earlier_stamps(message: bytes, definition: MessageDefinition, shift_ns: int) -> bytes:
+    """Subtract a time from the stamps of all headers, except those that would become negative.
+
+    These are not set, or of another clock.
+
+    Raises:
+        RecordingError: the headers cannot be located.
+    """
+    shifted = bytearray(message)
+    form = "<iI" if message[1] & 1 else ">iI"
+    for offset in layout_of(definition, message).stamps:
+        seconds, nanoseconds = struct.unpack_from(form, message, offset)
+        stamp_ns = seconds * _NS_PER_S + nanoseconds - shift_ns
+        if stamp_ns >= 0:
+            struct.pack_into(form, shifted, offset, *divmod(stamp_ns, _NS_PER_S))
+    return bytes(shifted)

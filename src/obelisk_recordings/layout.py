@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from obelisk_recordings.bag import RecordingError
 
 __all__ = [
+    "HEADER",
     "HEAD_BYTES",
     "PRIMITIVES",
     "Bytes",
@@ -46,6 +47,8 @@ PRIMITIVES: Final = {
     "float64": "f8",
 }
 """Type -> numpy's type code, without the byte order."""
+HEADER: Final = "std_msgs/Header"
+"""The type whose `stamp` is a time of the clock that the publishing node uses."""
 _TIMES: Final = ("builtin_interfaces/Time", "builtin_interfaces/Duration")
 _NAME: Final = re.compile(r"[A-Za-z]\w{0,255}")
 _UNIT: Final = re.compile(r"\[([^\[\]]{1,40})\]")
@@ -224,6 +227,8 @@ class MessageLayout:
     """Columns by path, in the order of the definition."""
     lengths: tuple[tuple[int, bytes], ...]
     """Offset and bytes of everything that determines the layout."""
+    stamps: tuple[int, ...]
+    """Offset of the stamp of each header, also of those inside fields [bytes]."""
 
     def fits(self, rows: Bytes) -> NDArray[np.bool_]:
         """Return which messages have this layout, shape `(n,)`; they must have its length."""
@@ -255,6 +260,7 @@ class _Walk:
     offset: int = HEAD_BYTES
     columns: dict[str, Column] = field(default_factory=dict)
     lengths: list[tuple[int, bytes]] = field(default_factory=list)
+    stamps: list[int] = field(default_factory=list)
 
     def layout(self) -> MessageLayout:
         head = self.message[:2]
@@ -264,7 +270,9 @@ class _Walk:
         self.lengths.append((0, head))
         if self.definition.types.get(self.definition.root):  # an empty message has a padding byte
             self._message(self.definition.root, "", 0)
-        return MessageLayout(columns=self.columns, lengths=tuple(self.lengths))
+        return MessageLayout(
+            columns=self.columns, lengths=tuple(self.lengths), stamps=tuple(self.stamps)
+        )
 
     def _message(self, kind: str, path: str, depth: int) -> None:
         fields = self.definition.types.get(kind)
@@ -275,6 +283,9 @@ class _Walk:
         if not fields:
             self._skip(1)
         for each in fields:
+            if kind == HEADER and each.name == "stamp":
+                self._align(4)
+                self.stamps.append(self.offset)
             self._field(each, f"{path}.{each.name}" if path else each.name, depth)
 
     def _field(self, each: Field, path: str, depth: int) -> None:

@@ -9,7 +9,6 @@ of the messages, because lockstep begins at time 0.
 
 import json
 import os
-import struct
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -23,8 +22,8 @@ from obelisk_py.core.lockstep.interception import intercepted
 from obelisk_py.core.lockstep.scheduler import NS_PER_S, LockstepError
 from obelisk_recordings.bag import RecordingError
 from obelisk_recordings.chunks import RecordedMessage, messages_in_order
-from obelisk_recordings.clock import RecordedClock, begins_with_header
-from obelisk_recordings.layout import MessageDefinition, parse_definition
+from obelisk_recordings.clock import RecordedClock, with_earlier_stamps
+from obelisk_recordings.layout import HEADER, MessageDefinition, parse_definition
 from obelisk_recordings.run import RecordedRun, open_run
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, CommandFailedError
 from obk_cli.record.recorder import installed_definition, schema_text
@@ -78,7 +77,7 @@ def replay(request: ReplayRequest) -> Iterator[str]:
         seed = int(run.metadata.get("obelisk", {}).get("seed", "0")) if run.is_lockstep else 0
         with StackTrial(stack, seed=seed, schedule=schedule, watch=request.outputs) as trial:
             _require_types(run, request.inputs, trial)
-            _feed(trial, run, request, times)
+            yield from _feed(trial, run, request, times)
             result = trial.result()
             about = {"replay": run.name, "shift_ns": str(times.shift_ns)}
             write_recording(Path(request.output), result, about)
@@ -103,15 +102,6 @@ class _Times:
 
     def time_ns(self, published_ns: int) -> int:
         return max(self.clock.time_ns(published_ns) - self.shift_ns, 0)
-
-    def shifted(self, data: bytes) -> bytes:
-        """Shift the stamp of a message that begins with a header, unless it is of another clock."""
-        layout = "<iI" if data[1] & 1 else ">iI"
-        seconds, nanoseconds = struct.unpack_from(layout, data, 4)
-        stamp_ns = seconds * NS_PER_S + nanoseconds - self.shift_ns
-        if stamp_ns < 0:
-            return data
-        return data[:4] + struct.pack(layout, *divmod(stamp_ns, NS_PER_S)) + data[12:]
 
 
 def _times(run: RecordedRun, inputs: tuple[str, ...]) -> _Times:
@@ -180,18 +170,30 @@ def _fields(definition: MessageDefinition) -> Mapping[str, list[tuple[Any, ...]]
     }
 
 
-def _feed(trial: StackTrial, run: RecordedRun, request: ReplayRequest, times: _Times) -> None:
-    """Run until the end of the recording, with the inputs at their times."""
+def _feed(
+    trial: StackTrial, run: RecordedRun, request: ReplayRequest, times: _Times
+) -> Iterator[str]:
+    """Run until the end of the recording, with the inputs at their times.
+
+    Yields:
+        Notes on topics whose stamps stay as recorded.
+    """
     ticks = _ticks(run, request.outputs) if run.is_lockstep else {}
     definitions = run.definitions(request.inputs) if times.shift_ns else {}
-    stamped = {topic for topic, one in definitions.items() if begins_with_header(one)}
+    stamped = {topic: one for topic, one in definitions.items() if HEADER in one.types}
     fed_ns = 0
     for message in messages_in_order(run.path, request.inputs):
         time_ns = times.time_ns(message.published_ns)
         if time_ns - fed_ns > _SLICE_NS:
             trial.run((time_ns - fed_ns - 1) / NS_PER_S)
             fed_ns = round(trial.t * NS_PER_S)
-        data = times.shifted(message.data) if message.topic in stamped else message.data
+        data, definition = message.data, stamped.get(message.topic)
+        if definition is not None:
+            try:
+                data = with_earlier_stamps(data, definition, times.shift_ns)
+            except RecordingError as error:
+                yield f"the stamps on {message.topic} stay as recorded: {error}"
+                del stamped[message.topic]
         trial.feed(message.topic, data, time_ns, after_timers=_is_late(message, ticks))
     end_ns = times.time_ns(run.bag.end_ns or 0)
     trial.run(max(0, end_ns - round(trial.t * NS_PER_S)) / NS_PER_S)
