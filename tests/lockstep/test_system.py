@@ -478,6 +478,23 @@ def test_a_guest_thread_that_never_sleeps_is_an_error_with_its_stack(
     assert not thread.is_alive()
 
 
+@pytest.mark.usefixtures("short_limit")
+@pytest.mark.parametrize("is_in_thread", [False, True], ids=["callback", "thread"])
+def test_a_loop_that_sleeps_for_the_time_left_ends(world: World, is_in_thread: bool) -> None:
+    node = world.node()
+    end_s = float(np.nextafter(0.15, 1.0))  # at 0.15 s, less than a nanosecond is left
+    ended: list[float] = []
+
+    def wait() -> None:
+        while (left_s := end_s - time.monotonic()) > 0:
+            time.sleep(left_s)
+        ended.append(time.monotonic())
+
+    world.at(node, 0.1, threading.Thread(target=wait).start if is_in_thread else wait)
+    world.run(0.2)
+    assert ended == pytest.approx([end_s])
+
+
 CHILD_WAITS: dict[str, Callable[[subprocess.Popen[bytes], float], object]] = {
     "wait": lambda child, limit_s: child.wait(limit_s),
     "communicate": lambda child, limit_s: child.communicate(timeout=limit_s),

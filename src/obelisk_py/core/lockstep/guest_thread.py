@@ -16,6 +16,7 @@ from obelisk_py.core.lockstep.scheduler import (
     ScheduledNode,
     Scheduler,
     user_place,
+    wait_ns,
 )
 
 __all__ = ["Guest", "GuestThread", "guest_of", "take_time", "wait_in_callback"]
@@ -115,13 +116,13 @@ class Guest:
         with self._lock:
             if self.has_left:
                 return
-            self.wake_ns = self._scheduler.time_ns + max(0, round(seconds * NS_PER_S))
+            self.wake_ns = self._scheduler.time_ns + wait_ns(seconds)
             _open(self._turn_over)
         self._its_turn.acquire()
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float | None) -> bool:
         """Sleep until a condition is true; call this on the thread."""
-        end_ns = None if timeout_s is None else self._scheduler.time_ns + _wait_ns(timeout_s)
+        end_ns = None if timeout_s is None else self._scheduler.time_ns + wait_ns(timeout_s)
         while not condition():
             left_s = _POLL_S
             if end_ns is not None:
@@ -213,11 +214,6 @@ class Guest:
         return "".join(traceback.format_stack(frame)) if frame is not None else "no frame"
 
 
-def _wait_ns(seconds: float) -> int:
-    """Convert to ns, but at least 1 ns for times above 0, so that a loop of waits ends."""
-    return max(1, round(seconds * NS_PER_S)) if seconds > 0 else 0
-
-
 def _open(lock: threading.Lock) -> None:
     if lock.locked():
         lock.release()
@@ -287,7 +283,7 @@ def wait_in_callback(
     Raises:
         LockstepError: it is false, no thread can change it, and there is no timeout.
     """
-    end_ns = None if timeout_s is None else scheduler.time_ns + _wait_ns(timeout_s)
+    end_ns = None if timeout_s is None else scheduler.time_ns + wait_ns(timeout_s)
     while not condition():
         waiting = [
             (guest.wake_ns, place, guest)

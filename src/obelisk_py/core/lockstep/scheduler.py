@@ -34,6 +34,7 @@ __all__ = [
     "Scheduler",
     "TimingModel",
     "user_place",
+    "wait_ns",
 ]
 
 NS_PER_S: Final = 1_000_000_000
@@ -308,7 +309,7 @@ class Scheduler:
         self.note(
             ("sleep", where), f"{name} sleeps at {where}; this counts as the node's computing time"
         )
-        self.offset_ns += max(0, round(seconds * NS_PER_S))
+        self.offset_ns += wait_ns(seconds)
         if self.offset_ns > _LONGEST_CALLBACK_NS:
             raise self.stop(
                 LockstepError(
@@ -364,6 +365,11 @@ class Scheduler:
             f"advancing: {', '.join(names)} trigger each other; in a real run they would keep one "
             "core fully busy"
         )
+
+
+def wait_ns(seconds: float) -> int:
+    """Convert to ns, but at least 1 ns for times above 0, so that a loop of waits ends."""
+    return max(1, round(seconds * NS_PER_S)) if seconds > 0 else 0
 
 
 def user_place(start: FrameType | None = None) -> str:
