@@ -292,6 +292,27 @@ def test_another_config_of_a_test_is_an_input_without_the_varied_values(config: 
     assert obk(*command).returncode == 0
 
 
+def test_a_file_that_a_test_reads_is_an_input(config: Path) -> None:
+    folder, tests = config.parent / "out", config.parent / "tests"
+    (tests / "test_dummy.py").write_text(
+        "from pathlib import Path\n\n"
+        "def test_it(stack, seed):\n"
+        '    Path(__file__).with_name("table.csv").read_text()\n'
+        '    stack("../dummy.yaml").run(0.01)\n'
+    )
+    table = tests / "table.csv"
+    table.write_text("1 2\n")
+    command = ("sweep", config, "-j", "1", "--output", folder, "--seeds")
+    assert obk(*command, "1").returncode == 0
+    assert obk(*command, "2").returncode == 0
+    table.write_text("1 3\n")
+    changed = obk(*command, "3")
+    assert changed.returncode == 2
+    assert f"{table.name} changed" in changed.stderr
+    assert obk(*command, "3", "--restart").returncode == 0
+    assert obk(*command, "3").returncode == 0
+
+
 @pytest.mark.slow
 def test_a_restart_that_cannot_run_keeps_the_results(config: Path) -> None:
     folder, tests = config.parent / "out", config.parent / "tests" / "test_dummy.py"

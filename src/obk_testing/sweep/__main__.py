@@ -148,7 +148,8 @@ def run_sweep(request: SweepRequest) -> int:
             versions = {name: text for name, text in machine().items() if name not in _OF_ANY_RUN}
             inputs = {**hashes, **installed_sources(), **versions}
             if not request.is_restart:
-                store.require_same_inputs(inputs)
+                read = hashes_of(map(Path, store.inputs()), Path.cwd())
+                store.require_same_inputs({**read, **inputs})
             cases = make_cases(
                 tests,
                 seeds=request.seeds,
@@ -286,6 +287,7 @@ def _run(
             seen = set(store.notes())
             unused: dict[str, list[Sequence[str]]] = {}
             for placed in engine.map(pending):
+                store.add_inputs(hashes_of(map(Path, placed.row.files), Path.cwd()))
                 store.add(by_key[placed.row.key], placed.row)
                 progress.add(is_bad=placed.row.is_bad)
                 unused.setdefault(by_key[placed.row.key].test, []).append(placed.row.unused)

@@ -107,6 +107,9 @@ class Row:
     worker: str = ""
     unused: Sequence[str] = ()
     """Paths of overrides that the case did not use; not stored."""
+    files: Sequence[str] = ()
+    """Absolute paths of files that its tests and nodes have read, unless an earlier row of the
+    worker has them; not stored in the row."""
 
     @property
     def is_bad(self) -> bool:

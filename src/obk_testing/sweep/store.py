@@ -150,6 +150,21 @@ class SweepStore:
         with self._database:
             self._database.execute("INSERT OR IGNORE INTO notes VALUES (?)", (note,))
 
+    def inputs(self) -> tuple[str, ...]:
+        """Return the names of all inputs of the results; those of files are their paths."""
+        return tuple(name for (name,) in self._database.execute("SELECT path FROM inputs"))
+
+    def add_inputs(self, hashes: Mapping[str, str]) -> None:
+        """Store hashes of files that a case has read, unless they have one.
+
+        Args:
+            hashes: name of an input -> hash.
+        """
+        with self._database:
+            self._database.executemany(
+                "INSERT OR IGNORE INTO inputs VALUES (?, ?)", list(hashes.items())
+            )
+
     def require_same_inputs(self, hashes: Mapping[str, str]) -> None:
         """Check that existing results were computed from the same files, and store their hashes.
 

@@ -17,8 +17,8 @@ import platform
 import re
 import signal
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from numbers import Real
 from pathlib import Path
@@ -31,6 +31,7 @@ from obk_cli.optional_deps import distribution_version
 from obk_cli.workspace.package_index import find_workspace
 from obk_testing.summary import PROPERTY, record_of
 from obk_testing.sweep.cases import FoundTest, Row, SweepCase
+from obk_testing.sweep.files_read import FilesRead
 
 __all__ = ["Hello", "WorkerSettings", "machine"]
 
@@ -95,6 +96,8 @@ class _CaseLoop:
         self._reports: list[pytest.TestReport] = []
         self._problems: list[str] = []
         self._digest = ""
+        self._folders = _folders(self._config.parent, settings.tests)
+        self._files = FilesRead(self._folders)
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
         """Record why a module cannot be imported."""
@@ -119,7 +122,7 @@ class _CaseLoop:
             }
         hello = Hello(
             tests=tuple(found),
-            files=tuple(sorted(_files_of(session.items, self._config.parent))),
+            files=tuple(sorted(_files_of(session.items, self._folders))),
             left_out=len(session.items) - len(found),
             problem="\n".join(self._problems),
             machine=machine(),
@@ -145,7 +148,8 @@ class _CaseLoop:
         item = _item_of(pattern, case.node_id, self._config.parent)
         # Only session-scoped objects outlive a case, so that no case depends on earlier ones.
         item.config.hook.pytest_runtest_protocol(item=item, nextitem=session)
-        return _row(case, self._reports, self._digest, perf_counter() - start)
+        row = _row(case, self._reports, self._digest, perf_counter() - start)
+        return replace(row, files=self._files.take())
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(
@@ -179,10 +183,16 @@ def case_of(data: Mapping[str, Any]) -> SweepCase:
     return SweepCase(**{**data, "overrides": overrides})
 
 
-def _files_of(items: Sequence[pytest.Item], folder: Path) -> set[str]:
-    """Return the modules of tests, and all imported modules around them and around a folder."""
+def _folders(folder: Path, tests: Iterable[str]) -> frozenset[Path]:
+    """Return the folders with the user's files: of the config, of its workspace, of the tests."""
+    paths = [Path(test.partition("::")[0]) for test in tests]
+    of_tests = (path if path.is_dir() else path.parent for path in paths)
+    return frozenset({find_workspace(folder), folder, *of_tests})
+
+
+def _files_of(items: Sequence[pytest.Item], around: frozenset[Path]) -> set[str]:
+    """Return the modules of tests, and all imported modules in some folders."""
     tests = {item.path for item in items}
-    around = {find_workspace(folder), folder, *(path.parent for path in tests)}
     imported = (getattr(module, "__file__", None) for module in [*sys.modules.values()])
     paths = {Path(file) for file in imported if file}
     own = {path for path in paths if not around.isdisjoint(path.parents)}

@@ -65,6 +65,18 @@ def test_results_of_changed_inputs_are_not_continued(tmp_path: Path) -> None:
         assert "--restart" in (error.value.help or "")
 
 
+def test_files_that_cases_read_are_inputs_with_their_first_hash(tmp_path: Path) -> None:
+    with SweepStore(tmp_path) as store:
+        store.require_same_inputs({"arm.yaml": "1"})
+        store.add_inputs({"table.csv": "1", "arm.yaml": "2"})
+        store.add_inputs({"table.csv": "2"})
+        store.add(CASE, ROW)
+        assert store.inputs() == ("arm.yaml", "table.csv")
+        store.require_same_inputs({"arm.yaml": "1", "table.csv": "1"})
+        with pytest.raises(MisuseError, match=r"table\.csv changed"):
+            store.require_same_inputs({"arm.yaml": "1", "table.csv": "2"})
+
+
 def test_a_folder_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(CommandFailedError):
