@@ -320,6 +320,8 @@ class _Topic:
             return
         at = times[0][chosen]
         order = np.argsort(times[1], kind="stable")  # messages are in order of receipt
+        second_times = times[1][order]
+        same = _places_of_same_times(at, second_times)
         for path, labels in _labels_in([*firsts, *seconds]).items():
             mine, theirs = (
                 _joined([part.matrix(path, len(labels)) for part in parts])
@@ -328,7 +330,7 @@ class _Topic:
             mine, theirs = mine[chosen], theirs[order]
             for place, (key, label, unit) in enumerate(labels):
                 sums = self.sums.setdefault(key, _Sums(label, unit))
-                others = _interpolated(at, times[1][order], theirs[:, place])
+                others = _interpolated(at, second_times, theirs[:, place], same)
                 sums.add(at, mine[:, place], others)
 
     def _trim(self) -> None:
@@ -401,14 +403,26 @@ def _add_to_hash(value: Any, part: RecordedTopic, path: str) -> None:
         value.update(np.ascontiguousarray(row))
 
 
-def _interpolated(at: Floats, times: Floats, values: Floats) -> Floats:
-    """Interpolate; next to NaN, only values at exactly these times are known."""
+def _places_of_same_times(at: Floats, times: Floats) -> NDArray[np.int64]:
+    """Return where each time is among sorted times, -1 if it is not.
+
+    In lockstep, a topic may have several messages at one time: the second one corresponds to the
+    second one.
+    """
+    order = np.argsort(at, kind="stable")
+    in_order = at[order]
+    numbers = np.empty(len(at), np.int64)
+    numbers[order] = np.arange(len(at)) - np.searchsorted(in_order, in_order)
+    places = np.searchsorted(times, at) + numbers
+    is_same = times[np.minimum(places, len(times) - 1)] == at
+    return np.where(is_same & (places < len(times)), places, -1)
+
+
+def _interpolated(at: Floats, times: Floats, values: Floats, same: NDArray[np.int64]) -> Floats:
+    """Interpolate, except at `same` places; next to NaN, only the values there are known."""
     found = np.interp(at, times, values)
-    unknown = np.flatnonzero(np.isnan(found))
-    if len(unknown):
-        places = np.minimum(np.searchsorted(times, at[unknown]), len(times) - 1)
-        is_exact = times[places] == at[unknown]
-        found[unknown[is_exact]] = values[places[is_exact]]
+    is_same = same >= 0
+    found[is_same] = values[same[is_same]]
     return found
 
 

@@ -81,6 +81,19 @@ def test_a_signal_is_compared_at_the_same_time_since_activation(tmp_path: Path) 
     assert not q.is_within(0.2)
 
 
+def burst(path: Path, *values: float) -> Path:
+    """Several messages at one time."""
+    numbers = iter(values)
+    return written(path, lambda _: next(numbers), count=len(values), step_ns=0)
+
+
+def test_messages_of_one_time_are_compared_in_their_order(tmp_path: Path) -> None:
+    first = burst(tmp_path / "a.mcap", 1.0, 5.0, 3.0)
+    assert compared(first, first).is_same
+    (q, _) = compared(first, burst(tmp_path / "b.mcap", 1.0, 5.5, 3.0)).signals
+    assert (q.largest, q.count) == (0.5, 3)
+
+
 def half_nan(t: float) -> float:
     return 1.0 if t < 0.5 else math.nan
 
