@@ -14,6 +14,7 @@ import random
 import sched
 import socket
 import subprocess
+import sys
 import threading
 import time
 import uuid
@@ -532,6 +533,31 @@ def test_the_time_limit_of_a_queue_of_multiprocessing_is_real_time(world: World)
         return time.time()
 
     assert _in_callback(world, wait) == 1.5
+
+
+def test_a_thread_computes_on_a_busy_machine(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guest_thread, "LONGEST_TURN_S", 0.3)
+    node = world.node()
+    computed: list[bool] = []
+
+    def compute() -> None:
+        end_s = time.thread_time() + 0.2
+        while time.thread_time() < end_s:
+            pass
+        computed.append(True)
+
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(cores)})
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(4)]
+    try:
+        world.at(node, 0.1, threading.Thread(target=compute).start)
+        world.run(0.2)
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+        os.sched_setaffinity(0, cores)
+    assert computed
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 import sys
 import threading
+import time
 import traceback
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -22,8 +23,9 @@ from obelisk_py.core.lockstep.scheduler import (
 __all__ = ["Guest", "GuestThread", "guest_of", "take_time", "wait_in_callback"]
 
 LONGEST_TURN_S: Final = 5.0
-"""Maximum wall time of a turn without a sleep [s]. After this, the run fails: the thread never ends
-its turn, or waits for something that cannot happen during it."""
+"""Maximum time of a turn without a sleep [s]: CPU time, so that it does not depend on the load of
+the machine, or wall time in which the thread is blocked. After this, the run fails: the thread
+never ends its turn, or waits for something that cannot happen during it."""
 _POLL_S: Final = 0.001
 """Simulated time between two checks of a condition that a thread waits for [s]."""
 _WALL_POLL_S: Final = 0.01
@@ -71,6 +73,8 @@ class Guest:
         self._is_last_sleep = False
         """Whether a loop that should have ended has slept once more."""
         self._turns = 0
+        self._cpu_clock: int | None = None
+        """The clock of the thread's CPU time; None before its start."""
 
     @property
     def thread_id(self) -> int | None:
@@ -89,6 +93,7 @@ class Guest:
 
     def run(self, body: Callable[[], object]) -> None:
         """Run the thread's function; call this on the thread."""
+        self._cpu_clock = time.pthread_getcpuclockid(threading.get_ident())
         self._its_turn.acquire()
         try:
             if not self._is_ending:
@@ -172,18 +177,26 @@ class Guest:
         return True
 
     def _await_end_of_turn(self) -> None:
-        blocked = 0
-        for _ in range(round(LONGEST_TURN_S / _WALL_POLL_S)):
-            if self._turn_over.acquire(timeout=_WALL_POLL_S):
-                return
+        blocked, end_s = 0, self._cpu_s() + LONGEST_TURN_S
+        while not self._turn_over.acquire(timeout=_WALL_POLL_S):
             blocked = blocked + 1 if self._is_asleep() else 0
             if blocked >= _BLOCKED_POLLS and self._leave():
                 return
-        raise LockstepError(
-            f"the thread `{self._thread.name}` of {self.node.name} neither slept nor ended within "
-            f"{LONGEST_TURN_S:g} s: a thread in lockstep must wait, as in `time.sleep`. It is in\n"
-            f"{self._stack()}"
-        )
+            if self._cpu_s() > end_s or blocked * _WALL_POLL_S > LONGEST_TURN_S:
+                raise LockstepError(
+                    f"the thread `{self._thread.name}` of {self.node.name} neither slept nor ended "
+                    f"within {LONGEST_TURN_S:g} s: a thread in lockstep must wait, as in "
+                    f"`time.sleep`. It is in\n{self._stack()}"
+                )
+
+    def _cpu_s(self) -> float:
+        """CPU time of the thread [s]."""
+        if self._cpu_clock is None:
+            return 0.0
+        try:
+            return time.clock_gettime(self._cpu_clock)
+        except OSError:
+            return 0.0  # the thread has ended
 
     def _is_asleep(self) -> bool:
         """Whether the operating system reports the thread as sleeping.
