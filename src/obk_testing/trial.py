@@ -8,17 +8,13 @@ import functools
 import gc
 import math
 import operator
-import re
 import time
 import weakref
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any, Final, Self
 
-import numpy as np
-from numpy.typing import NDArray
 from rcl_interfaces.srv import SetParameters
 from rclpy.exceptions import InvalidHandle
 from rclpy.lifecycle import TransitionCallbackReturn
@@ -47,6 +43,8 @@ from obk_testing.arguments import (
     require_time,
     require_vector,
 )
+from obk_testing.bodies import Bodies, Vector
+from obk_testing.disturbances import Disturbances
 from obk_testing.programs import LoadedNode, LoadedStack, find_node
 from obk_testing.result import Intervention, StateLog, TrialFacts, TrialResult
 from obk_testing.schedule import Schedule
@@ -71,21 +69,8 @@ _OFFERED: Final = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 """A profile that matches every subscription."""
-_FLOATS: Final = re.compile(r"(sequence<)?(float|double)(, \d+)?>?(\[\d+\])?")
-"""Types of the fields to which noise can be added, as rclpy names them."""
 _AFTER_TIMERS: Final = 1 << 60
 """Positions after those of all timers."""
-Vector = Sequence[float] | NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _ScaledBody:
-    """A body whose mass a test has changed."""
-
-    robot: str
-    """Full name of the simulator."""
-    body: int
-    factor: float
 
 
 class StackTrial:
@@ -132,16 +117,11 @@ class StackTrial:
         """The node objects by full name."""
         self._faults: dict[str, None] = {}
         self._states: StateLog | None = None
-        self._scaled: list[_ScaledBody] = []
-        self._models: dict[str, Any] = {}
-        """The models with these masses, by the simulator's full name."""
         self._is_closed = self._has_begun = False
         self.wall_s = 0.0
         """Wall time of all calls to `run` [s]."""
         self.interventions: list[Intervention] = []
         """The test's actions on the stack."""
-        self._uses: Counter[str] = Counter()
-        """Use of random numbers -> how many generators it has."""
         self._looked_at: dict[tuple[str, ...], None] = {}
         self._compute_s = self._by_full_name(self.schedule.compute)
         self._start_s = self._by_full_name(self.schedule.bring_up)
@@ -157,6 +137,8 @@ class StackTrial:
             is_recorded=lambda topic: record is None or topic in recorded,
             on_simulator=self._observe,
         )
+        self._bodies = Bodies(stack.plan, self._lockstep)
+        self._disturbances = Disturbances(self._lockstep.scheduler, seed)
         for node in stack.plan.nodes:
             if node.env:
                 self._lockstep.scheduler.note(
@@ -297,10 +279,8 @@ class StackTrial:
         require_duration("the duration", duration)
         if body == _WORLD:
             raise ValueError(f"`{_WORLD}` cannot move")
-        simulator = self._simulators[self._robot_with(body, robot)].robot
+        self._bodies.push(body, force, min(duration, LONGEST_S), torque, robot)
         self._log_intervention(f"push {body} with {_list(force)} N, {_list(torque)} N m", duration)
-        number = _body_of(simulator.mj_model, body)
-        simulator.push_body(number, force, min(duration, LONGEST_S), torque)
 
     def scale_mass(self, body: str, factor: float, robot: str | None = None) -> None:
         """Multiply the mass and inertia of a body of the model, for the rest of the trial.
@@ -316,12 +296,8 @@ class StackTrial:
         """
         if not 0 < factor < math.inf:
             raise ValueError(f"factor {factor}: expected a number above 0")
-        name = self._robot_with(body, robot)
-        model = self._simulators[name].robot.mj_model
-        scaled = _ScaledBody(robot=name, body=_body_of(model, body), factor=factor)
+        self._bodies.scale_mass(body, factor, robot)
         self._log_intervention(f"scale the mass of {body} by {factor:g}")
-        self._scaled.append(scaled)
-        _scale_mass(model, scaled)
 
     # --- topics
 
@@ -339,11 +315,8 @@ class StackTrial:
         """
         require_number("the share", share, most=1.0)
         require_duration("the duration", duration)
+        self._disturbances.drop(self._topic(topic), share, duration)
         self._log_intervention(f"drop {share:g} of {topic}", duration)
-        numbers, during = self._numbers(f"drop {topic}"), self._during(duration)
-        self._topic(topic).rules.append(
-            lambda now_ns, _: None if during(now_ns) and numbers.random() < share else 0
-        )
 
     def delay(self, topic: str, seconds: float, duration: float = float("inf")) -> None:
         """Delay the messages published from now on.
@@ -359,9 +332,8 @@ class StackTrial:
         """
         require_time("the delay", seconds)
         require_duration("the duration", duration)
+        self._disturbances.delay(self._topic(topic), seconds, duration)
         self._log_intervention(f"delay {topic} by {seconds:g} s", duration)
-        during, delay_ns = self._during(duration), round(seconds * NS_PER_S)
-        self._topic(topic).rules.append(lambda now_ns, _: delay_ns if during(now_ns) else 0)
 
     def noise(self, topic: str, field: str, sigma: float, duration: float = float("inf")) -> None:
         """Add noise to a numeric field of the messages published from now on, drawn by the seed.
@@ -378,27 +350,8 @@ class StackTrial:
         """
         require_number("sigma", sigma, most=_LARGEST_SIGMA)
         require_duration("the duration", duration)
-        found = self._topic(topic)
-        fields = found.message_class.get_fields_and_field_types()
-        if field not in fields:
-            raise LookupError(f"{topic} has no field `{field}`; it has {', '.join(fields)}")
-        if not _FLOATS.fullmatch(fields[field]):
-            raise LookupError(
-                f"{topic}: the field `{field}` is a {fields[field]}; noise needs a float or double"
-            )
+        self._disturbances.noise(self._topic(topic), field, sigma, duration)
         self._log_intervention(f"add noise of {sigma:g} to {topic}.{field}", duration)
-        numbers, during = self._numbers(f"noise {topic} {field}"), self._during(duration)
-
-        def disturb(now_ns: int, message: Any) -> None:
-            if during(now_ns):
-                value = getattr(message, field)
-                if isinstance(value, float):
-                    setattr(message, field, value + float(numbers.normal(0.0, sigma)))
-                else:
-                    noisy = np.asarray(value, float) + numbers.normal(0.0, sigma, len(value))
-                    setattr(message, field, noisy.tolist())
-
-        found.filters.append(disturb)
 
     def publish(self, topic: str, message: Any) -> None:
         """Publish a message now, from outside the stack; it arrives without latency.
@@ -664,45 +617,13 @@ class StackTrial:
         """Record the states of a simulator, and scale the masses of its bodies."""
         data, scheduler = steps.robot.mj_data, self._lockstep.scheduler
         name, model = steps.robot.get_fully_qualified_name(), steps.robot.mj_model
-        if self._models.get(name) is not model:  # a restarted robot reads its model again
-            self._models[name] = model
-            for scaled in self._scaled:
-                if scaled.robot == name:
-                    _scale_mass(model, scaled)
+        self._bodies.restore_masses(name, model)  # a restarted robot reads its model again
         states = self._states
         if states is None:
             states = self._states = StateLog(name, model)
         if states.robot == name:  # only the first simulator, restarted or not
             qpos, qvel = data.qpos, data.qvel  # views of MuJoCo's memory
             steps.after_step.append(lambda: states.add(scheduler.now_ns, qpos, qvel))
-
-    @property
-    def _simulators(self) -> Mapping[str, StepEvents]:
-        return self._lockstep.simulators
-
-    def _robot_with(self, body: str, robot: str | None) -> str:
-        """The full name of the simulator whose model has a body."""
-        if not self._simulators:
-            nodes = self._lockstep.nodes
-            for node in self.stack.plan.nodes:
-                if node.model and not nodes[node.full_name].is_alive:
-                    raise LookupError(
-                        f"{node.full_name} was killed or has ended, so it has no bodies"
-                    )
-            raise LookupError("the stack has no MuJoCo simulator of Obelisk, so it has no bodies")
-        names = sorted(self._simulators)
-        if robot is not None:
-            name = find_node(self.stack.plan, robot).full_name
-            if name not in names:
-                raise LookupError(f"{name} is not a simulator that is running: {', '.join(names)}")
-            names = [name]
-        models = {name: self._simulators[name].robot.mj_model for name in names}
-        found = [name for name, model in models.items() if body in _bodies(model)]
-        if len(found) > 1:
-            raise LookupError(
-                f"the models of {', '.join(found)} have a body `{body}`: pass `robot=`"
-            )
-        return found[0] if found else names[0]
 
     def _topic(self, name: str) -> Topic:
         self._require_topic(name, self._lockstep.topics.by_name)
@@ -746,16 +667,6 @@ class StackTrial:
             return self._lockstep.nodes[node]
         return self._lockstep.nodes[find_node(self.stack.plan, node).full_name]
 
-    def _during(self, duration: float) -> Callable[[int], bool]:
-        start_ns = self._lockstep.scheduler.now_ns
-        end_ns = start_ns + duration * NS_PER_S
-        return lambda now_ns: start_ns <= now_ns < end_ns
-
-    def _numbers(self, use: str) -> np.random.Generator:
-        """Random numbers of the seed; those of another call are independent."""
-        self._uses[use] += 1
-        return np.random.default_rng([self.seed, self._uses[use], *use.encode()])
-
     def _collect_faults(self) -> None:
         for name, node in self.nodes.items():
             if node.last_fault is not None:
@@ -786,27 +697,6 @@ def _topics_in(argument: str, topics: Iterable[str] | None) -> tuple[str, ...]:
     if isinstance(topics, str):
         raise TypeError(f"{argument}={topics!r} is a string, expected a list of topics")
     return tuple(topics or ())
-
-
-def _bodies(model: Any) -> list[str]:
-    return [model.body(number).name for number in range(model.nbody)]
-
-
-def _body_of(model: Any, name: str) -> int:
-    names = _bodies(model)
-    if name not in names:
-        raise LookupError(
-            f"the model has no body `{name}`: {did_you_mean(name, names) or ', '.join(names)}"
-        )
-    return names.index(name)
-
-
-def _scale_mass(model: Any, scaled: _ScaledBody) -> None:
-    import mujoco  # only installed with a simulator
-
-    model.body_mass[scaled.body] *= scaled.factor
-    model.body_inertia[scaled.body] *= scaled.factor
-    mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
 def _set_parameters(node: Any, request: Any, response: Any) -> Any:
