@@ -496,6 +496,25 @@ def test_a_loop_that_sleeps_for_the_time_left_ends(world: World, is_in_thread: b
     assert ended == pytest.approx([end_s])
 
 
+def test_a_loop_waits_for_the_result_of_a_thread_before_its_time_limit(world: World) -> None:
+    started = threading.Event()
+
+    def compute() -> int:
+        started.wait()
+        end_s = time.thread_time() + 0.02
+        while time.thread_time() < end_s:
+            pass
+        return 5
+
+    async def wait() -> int:
+        result = asyncio.create_task(asyncio.to_thread(compute))
+        await asyncio.sleep(0)
+        started.set()
+        return await asyncio.wait_for(result, 60.0)
+
+    assert _in_callback(world, lambda: (asyncio.run(wait()), time.time())) == (5, 1.5)
+
+
 CHILD_WAITS: dict[str, Callable[[subprocess.Popen[bytes], float], object]] = {
     "wait": lambda child, limit_s: child.wait(limit_s),
     "communicate": lambda child, limit_s: child.communicate(timeout=limit_s),

@@ -397,7 +397,9 @@ def _select_function(real: Callable[..., Any]) -> Callable[..., Any]:
         run = _process.inside()
         if run is None or not timeout or not _is_of(_EVENT_LOOPS, sys._getframe(1)):
             return real(self, timeout)
-        ready = real(self, 0)
+        is_guest = guest_of(threading.current_thread()) is not None
+        # Threads such as those of `asyncio.to_thread` wake the loop, in real time.
+        ready = real(self, timeout if run.has_threads and not is_guest else 0)
         if not ready:
             take_time(run.scheduler, timeout)  # `asyncio.sleep` waits here
         return ready
