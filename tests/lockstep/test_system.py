@@ -515,6 +515,26 @@ def test_a_loop_waits_for_the_result_of_a_thread_before_its_time_limit(world: Wo
     assert _in_callback(world, lambda: (asyncio.run(wait()), time.time())) == (5, 1.5)
 
 
+def test_threads_outside_lockstep_change_no_waits_of_other_nodes(world: World) -> None:
+    node, other = world.node(), world.node("other")
+    is_set = threading.Event()
+    woken: list[float] = []
+
+    def set_later() -> None:
+        time.sleep(0.05)
+        is_set.set()
+
+    def wait() -> None:
+        threading.Thread(target=set_later).start()
+        is_set.wait(1.0)
+        woken.append(seconds(node))
+
+    world.at(other, 0.1, lambda: asyncio.run(asyncio.to_thread(lambda: None)))
+    world.at(node, 0.2, wait)
+    world.run(2.0)
+    assert woken == [pytest.approx(0.25)]
+
+
 CHILD_WAITS: dict[str, Callable[[subprocess.Popen[bytes], float], object]] = {
     "wait": lambda child, limit_s: child.wait(limit_s),
     "communicate": lambda child, limit_s: child.communicate(timeout=limit_s),

@@ -44,6 +44,7 @@ from obelisk_py.core.lockstep.locks import NodeLock, NodeRLock, lock_class
 from obelisk_py.core.lockstep.scheduler import (
     NS_PER_S,
     LockstepError,
+    ScheduledNode,
     Scheduler,
     user_place,
 )
@@ -104,8 +105,13 @@ class Interception:
     log: list[LogEntry] = field(default_factory=list)
     guests: list[Guest] = field(default_factory=list)
     """Threads of the nodes."""
-    has_threads: bool = False
-    """Whether a node has started a thread outside lockstep."""
+    with_threads: set[ScheduledNode] = field(default_factory=set)
+    """The nodes with threads outside lockstep."""
+
+    @property
+    def has_threads(self) -> bool:
+        """Whether the running node has threads outside lockstep."""
+        return self.scheduler.running in self.with_threads
 
     def is_inside(self) -> bool:
         """Whether the caller is a callback or a guest thread of the run."""
@@ -508,14 +514,13 @@ def _start_function(real: Callable[[threading.Thread], None]) -> Callable[[Any],
         if run is None or run.scheduler.running is None or _is_of(_OWN_THREADS, caller):
             real(self)
             return
-        leave = functools.partial(
-            _leave_lockstep, run, f"`{self.name}` of {run.scheduler.running.name}", user_place()
-        )
+        node = run.scheduler.running
+        leave = functools.partial(_leave_lockstep, run, node, self.name, user_place())
         if _is_of(_THREAD_STARTERS, caller):
             leave()
             real(self)
             return
-        guest = Guest(run.scheduler, run.scheduler.running, self, leave)
+        guest = Guest(run.scheduler, node, self, leave)
         run.guests.append(guest)
         self.lockstep_guest = guest
         self.run = functools.partial(guest.run, self.run)
@@ -525,12 +530,12 @@ def _start_function(real: Callable[[threading.Thread], None]) -> Callable[[Any],
     return start
 
 
-def _leave_lockstep(run: Interception, thread: str, place: str) -> None:
-    run.has_threads = True
+def _leave_lockstep(run: Interception, node: ScheduledNode, thread: str, place: str) -> None:
+    run.with_threads.add(node)
     run.scheduler.note(
         ("thread", place),
-        f"the thread {thread}, started in {place}, is not in lockstep, because it waits for "
-        "something outside the run: its behavior may differ between runs",
+        f"the thread `{thread}` of {node.name}, started in {place}, is not in lockstep, because it "
+        "waits for something outside the run: its behavior may differ between runs",
     )
 
 
