@@ -479,6 +479,11 @@ def test_a_guest_thread_that_never_sleeps_is_an_error_with_its_stack(
     assert not thread.is_alive()
 
 
+def test_a_sleep_that_takes_no_time_is_not_noted(world: World) -> None:
+    _in_callback(world, lambda: time.sleep(0))
+    assert not world.notes
+
+
 @pytest.mark.usefixtures("short_limit")
 @pytest.mark.parametrize("is_in_thread", [False, True], ids=["callback", "thread"])
 def test_a_loop_that_sleeps_for_the_time_left_ends(world: World, is_in_thread: bool) -> None:

@@ -305,11 +305,14 @@ class Scheduler:
         Raises:
             LockstepError: the callback has slept too long.
         """
+        taken_ns = wait_ns(seconds)
+        if not taken_ns:
+            return
         name, where = self.running.name if self.running else "a callback", user_place()
         self.note(
             ("sleep", where), f"{name} sleeps at {where}; this counts as the node's computing time"
         )
-        self.offset_ns += wait_ns(seconds)
+        self.offset_ns += taken_ns
         if self.offset_ns > _LONGEST_CALLBACK_NS:
             raise self.stop(
                 LockstepError(
