@@ -20,7 +20,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image
 from std_msgs.msg import Int64
 
-from obelisk_py.core.executor import EventLoopExecutor
+from obelisk_py.core.executor import EventLoopExecutor, local_receiver
 from obelisk_py.core.intra_process import IntraProcessPublisher
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_spec.local_transport.dds_reader import DdsReader
@@ -401,6 +401,26 @@ def test_threads_that_share_a_publisher_lose_nothing_when_a_subscription_is_kill
     for thread in range(threads):
         begin = first + thread * each
         assert is_gapless([number for number in got if begin <= number < begin + each])
+
+
+@pytest.mark.parametrize("during", ["socket_folder", "subscriptions_of", "DdsReader"])
+def test_a_node_may_be_destroyed_while_its_subscription_is_added(
+    during: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By another thread, before or between the steps that open the subscription's socket."""
+    with world() as made:
+        node = Node("short", context=made.context)
+        for topic in ("/numbers", "/more"):
+            node.create_subscription(Int64, topic, print, DEPTH)
+        step = getattr(local_receiver, during)
+
+        def destroy_first(*args: Any) -> Any:
+            node.destroy_node()
+            return step(*args)
+
+        monkeypatch.setattr(local_receiver, during, destroy_first)
+        made.executor.add_node(node)  # adds its entities at once, because nothing is spinning
+        made.executor.spin_once(timeout_sec=0)
 
 
 def test_a_reader_keeps_its_subscription_until_it_is_closed() -> None:

@@ -556,9 +556,11 @@ class _HandlerRegistry:
             return
         try:
             handler.enable()
-        except RuntimeError:
+        except RuntimeError as error:
             handler.disable()  # otherwise its listener would write to a closed descriptor
             handler.close()
+            if isinstance(error, InvalidHandle):
+                return
             raise
         workers = self._workers_of(handler.group)
         handler.is_shared = len(workers) > 1

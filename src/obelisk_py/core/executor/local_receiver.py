@@ -174,7 +174,7 @@ def open_receiver(
 
 
 def _gid_of(node: Node, subscription: Subscription) -> bytes | None:
-    """The GID of a node's subscription; None if it is ambiguous.
+    """The GID of a node's subscription; None if it is ambiguous or being destroyed.
 
     Fast DDS numbers the entities of a participant in order of creation. The GID is ambiguous if the
     ROS graph lists more or fewer subscriptions of this node and topic than the node has.
@@ -182,8 +182,11 @@ def _gid_of(node: Node, subscription: Subscription) -> bytes | None:
     topic = subscription.handle.get_topic_name()
     own = [other for other in node.subscriptions if _topic_of(other) == topic]
     name = (node.get_name(), node.get_namespace())
-    # Every node has a publisher for parameter events.
-    participant = participant_of(publisher_gid(next(iter(node.publishers)).handle))
+    # Every node has a publisher for parameter events, which is the first to be destroyed.
+    publisher = next(iter(node.publishers), None)
+    if publisher is None or subscription not in own:
+        return None
+    participant = participant_of(publisher_gid(publisher.handle))
     gids = sorted(
         end.gid
         for end in subscriptions_of(node.handle, topic)
