@@ -18,6 +18,7 @@ import os
 import select
 import threading
 import time
+import weakref
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
@@ -135,7 +136,8 @@ class Flusher:
     def __init__(self) -> None:
         """Start the thread."""
         self._epoll = select.epoll()
-        self._waiting: dict[int, _Waiting] = {}
+        # A closed connection is never ready, so nothing would remove it.
+        self._waiting = weakref.WeakValueDictionary[int, _Waiting]()
         threading.Thread(target=self._run, name="local transport", daemon=True).start()
 
     def watch(self, connection: _Waiting) -> None:

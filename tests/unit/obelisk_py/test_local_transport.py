@@ -357,6 +357,27 @@ def test_a_subscription_that_does_not_read_gets_the_latest_messages_later() -> N
         peer.close()
 
 
+def test_closed_connections_to_subscriptions_that_do_not_read_keep_no_descriptors() -> None:
+    def open_descriptors() -> int:
+        return len(list(Path("/proc/self/fd").iterdir()))
+
+    sender_module.flusher_of(os.getpid())
+    before, others = open_descriptors(), []
+    for _ in range(5):
+        near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        near.setblocking(False)
+        peer = Peer(near, gid(1), DEPTH, bytes(GREETING))
+        while not peer._waiting:
+            peer.send(packet(1, 0))
+        peer.close()
+        far.close()
+        del peer
+        others.append(os.open(os.devnull, os.O_RDONLY))  # reuses the number
+    assert open_descriptors() == before + len(others)
+    for descriptor in others:
+        os.close(descriptor)
+
+
 class Reader:
     """The messages that DDS holds for the subscription."""
 
