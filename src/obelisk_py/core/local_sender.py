@@ -180,8 +180,15 @@ class Peer:
             gid: the subscription's GID.
             depth: depth of the subscription's history.
             greeting: the publisher's greeting.
+
+        Raises:
+            OSError: this process has no descriptors left; the connection was closed.
         """
-        page, self._page = new_page()
+        try:
+            page, self._page = new_page()
+        except OSError:
+            connection.close()
+            raise
         with suppress(OSError):  # already lost
             send_fds(connection, [greeting], [page])
         os.close(page)
@@ -429,9 +436,10 @@ class LocalSender:
         self._lost = {gid: process for gid, process in self._lost.items() if gid in gids}
         greeting = bytes(Greeting(publisher=self._gid, packets=self._sent_by_packets))
         new = gids - peers.keys()
-        for gid, depth in (self._folder.depths() if new else {}).items():
-            if gid in new and (connection := self._folder.connect(gid, depth)) is not None:
-                peers[gid] = Peer(connection, gid, depth, greeting)
+        with suppress(OSError):  # no descriptors are left, so DDS delivers
+            for gid, depth in (self._folder.depths() if new else {}).items():
+                if gid in new and (connection := self._folder.connect(gid, depth)) is not None:
+                    peers[gid] = Peer(connection, gid, depth, greeting)
         return peers
 
     def _has_ended(self, gid: bytes) -> bool:

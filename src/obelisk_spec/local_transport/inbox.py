@@ -90,8 +90,8 @@ class Connection:
 
     @property
     def is_done(self) -> bool:
-        """Whether it is closed and nothing is waiting."""
-        return self.socket.fileno() < 0 and not self.held and not self.samples
+        """Whether it is closed and nothing is waiting; messages from DDS do not wait then."""
+        return self.socket.fileno() < 0 and not self.held
 
     @property
     def is_missing_packets(self) -> bool:
@@ -227,7 +227,6 @@ class PublisherInbox:
                 put(packets)
             return
         if number <= connection.taken:  # given up: it would overtake newer messages
-            connection.skipped.discard(number)
             return
         if connection.taken == 0:
             _confirm(connection)
@@ -254,7 +253,6 @@ class PublisherInbox:
                 connection.release_s = now_s + self._wait_s
             else:
                 self._release_all(connection)
-                self._note_wait(connection)
         self._remove_done()
 
     def forget(self, connection: Connection) -> None:
@@ -311,8 +309,10 @@ class PublisherInbox:
     def _greet(self, connection: Connection) -> None:
         packet, pages, _, _ = recv_fds(connection.socket, LARGEST_PACKET, 1)
         for page in pages:
-            connection.page = received_page(page)
-            os.close(page)
+            try:
+                connection.page = received_page(page)
+            finally:
+                os.close(page)
         greeting = greeting_of(packet)
         if greeting is None:
             connection.socket.shutdown(SHUT_RDWR)

@@ -109,7 +109,11 @@ class SocketFolder:
         return found
 
     def connect(self, gid: bytes, depth: int) -> socket.socket | None:
-        """Connect to a subscription; None if its process has ended."""
+        """Connect to a subscription; None if its process has ended.
+
+        Raises:
+            OSError: this process has no descriptors left.
+        """
         connection = _new_socket()
         try:
             connection.connect(self._address(_name(gid, depth)))
@@ -149,15 +153,27 @@ def peer_process(connection: socket.socket) -> int | None:
 
 
 def new_page() -> tuple[int, "memoryview[int]"]:
-    """Create the page of a connection: its descriptor, which the caller closes, and its numbers."""
+    """Create the page of a connection: its descriptor, which the caller closes, and its numbers.
+
+    Raises:
+        OSError: this process has no descriptors left.
+    """
     page = os.memfd_create("obk_packets", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
     os.ftruncate(page, mmap.PAGESIZE)
     fcntl.fcntl(page, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK)
-    return page, _mapped(page)
+    try:
+        return page, _mapped(page)
+    except OSError:  # the map has a descriptor of its own
+        os.close(page)
+        raise
 
 
 def received_page(page: int) -> "memoryview[int] | None":
-    """Map the page from the other end; None if its memory could be removed."""
+    """Map the page from the other end; None if its memory could be removed.
+
+    Raises:
+        OSError: this process has no descriptors left.
+    """
     try:
         seals = fcntl.fcntl(page, fcntl.F_GET_SEALS)
     except OSError:  # not a memory file

@@ -1,6 +1,7 @@
 """The local transport over real sockets: recipients and message order."""
 
 import os
+import resource
 import socket
 import subprocess
 import sys
@@ -338,6 +339,29 @@ def test_a_subscription_whose_process_was_killed_needs_no_dds(
     assert not sender.covers(0, 0)
     graph.add(2)
     assert not sender.covers(1, 0)  # another one, although the count is the same
+
+
+@pytest.mark.parametrize("free", [0, 1, 2])
+def test_without_free_descriptors_dds_delivers(
+    folder: SocketFolder, graph: Graph, sender: LocalSender, free: int
+) -> None:
+    graph.add(1)
+    with folder.listen(gid(1), DEPTH) as listener:
+        lowest = lowest_free(listener)
+        limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (lowest + free, limits[1]))
+        try:
+            assert not sender.covers(1, 0)
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+        assert sender.peers == ()
+        assert lowest_free(listener) == lowest  # nothing was left open
+
+
+def lowest_free(opened: socket.socket) -> int:
+    """The number of the next descriptor."""
+    with opened.dup() as copy:
+        return copy.fileno()
 
 
 def test_a_subscription_that_does_not_read_gets_the_latest_messages_later() -> None:
