@@ -27,7 +27,6 @@ from obelisk_spec.suggestions import did_you_mean
 
 __all__ = [
     "EXPECTED",
-    "REGISTRATION_METHODS",
     "ArgumentKind",
     "RegistrationArgumentError",
     "bind_registration",
@@ -50,12 +49,6 @@ class ArgumentKind(Enum):
     UNKNOWN = "unknown"
     """An expression whose value is only known at runtime."""
 
-
-REGISTRATION_METHODS: Final = (
-    "register_obk_publisher",
-    "register_obk_subscription",
-    "register_obk_timer",
-)
 
 _LEADING: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {
@@ -108,7 +101,7 @@ def bind_registration(
     """Map the arguments of a call of any generation to their names.
 
     Args:
-        method: one of `REGISTRATION_METHODS`.
+        method: `register_obk_publisher`, `register_obk_subscription` or `register_obk_timer`.
         positional: the positional arguments, without `self`.
         named: the keyword arguments.
         describe: returns an argument's value if it is a string, otherwise its kind.

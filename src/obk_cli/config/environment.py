@@ -51,8 +51,6 @@ class Command:
     arguments: tuple[str, ...]
     python_path: tuple[Path, ...] = ()
     """Folders to put in front of PYTHONPATH."""
-    found_in: str
-    """Where it was found, for messages."""
     module: str | None = None
     """The Python module that is run, if known."""
     function: str | None = None

@@ -82,7 +82,7 @@ class PlannedEnvironment:
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
         """How to start an executable."""
         if (package, executable) == (self.package, self.executable):
-            return Command(arguments=(), found_in="the package being created")
+            return Command(arguments=())
         return self.current.find_executable(package, executable)
 
     def read_node_code(self, package: str, executable: str) -> NodeCode | None:

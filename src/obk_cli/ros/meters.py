@@ -73,7 +73,7 @@ class TopicRate:
 class Meter:
     """Counts the messages of one topic."""
 
-    __slots__ = ("_drops", "_lost", "_received", "_sizes", "_window_ns", "bytes", "publishers")
+    __slots__ = ("_drops", "_lost", "_received", "_sizes", "_window_ns", "publishers")
 
     def __init__(self, window_s: float) -> None:
         """Start without messages.
@@ -88,8 +88,6 @@ class Meter:
         self._drops = DropCounter()
         self.publishers = 0
         """Current number of publishers; set by the caller."""
-        self.bytes = 0
-        """Total size of all messages."""
 
     @property
     def count(self) -> int:
@@ -108,7 +106,6 @@ class Meter:
         self._received.append(received_ns)
         self._sizes.append(size)
         self._lost.append(self._drops.dropped)
-        self.bytes += size
 
     def rate(self, now_ns: int) -> TopicRate:
         """The rate measured so far.

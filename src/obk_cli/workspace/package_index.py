@@ -232,18 +232,17 @@ class PackageIndex:
         if source is not None and executable in in_source:
             entry = in_source[executable]
             path = self._python_path(source, source / entry.package_root)
-            return _python_command(entry, path, f"the sources in {source}")
+            return _python_command(entry, path)
         scripts = self._source_scripts(package)
         if source is not None and executable in scripts:
             path = self._python_path(source, *_python_roots(source))
-            return _program_command(scripts[executable], path, f"the sources in {source}")
+            return _program_command(scripts[executable], path)
         installed = installed_console_scripts(package)
         if executable in installed:
-            return _python_command(installed[executable], (), "an installed Python distribution")
+            return _python_command(installed[executable])
         programs = self._lib_programs(package)
         if executable in programs:
-            program = programs[executable]
-            return _program_command(program, (), str(program.parent))
+            return _program_command(programs[executable])
         is_found = self.has_package(package) or bool(installed)
         cmake = read_cmake_lists(source) if source else None
         declared = cmake.executables if cmake else frozenset()
@@ -325,13 +324,12 @@ def _python_roots(package: Path) -> Iterator[Path]:
         yield from (root for root in roots if any(_has(c, "__init__.py") for c in _listed(root)))
 
 
-def _python_command(entry: EntryPoint, path: tuple[Path, ...], found_in: str) -> Command:
+def _python_command(entry: EntryPoint, path: tuple[Path, ...] = ()) -> Command:
     code = f"import sys; from {entry.module} import {entry.function}; sys.exit({entry.function}())"
     return Command(
         # -P: files in the working folder must not shadow libraries.
         arguments=(sys.executable, "-P", "-c", code),
         python_path=path,
-        found_in=found_in,
         module=entry.module,
         function=entry.function,
     )
@@ -342,12 +340,11 @@ def _is_folder(path: Path) -> bool:
     return os.path.isdir(path)  # noqa: PTH112  (`Path.is_dir` raises)
 
 
-def _program_command(program: Path, path: tuple[Path, ...], found_in: str) -> Command:
+def _program_command(program: Path, path: tuple[Path, ...] = ()) -> Command:
     is_program = _is_program(program)
     return Command(
         arguments=(str(program),) if is_program else (sys.executable, str(program)),
         python_path=path,
-        found_in=found_in,
         module=module_run_by(program) if is_program else None,
     )
 

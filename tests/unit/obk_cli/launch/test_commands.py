@@ -30,7 +30,7 @@ from .shown import Shown
 CONTROLLER = node("obelisk_control_0", parameters={"a": 1}, env={"GAIN": "2"}, log_level="debug")
 PLAN = Plan(name="s", nodes=(CONTROLLER,))
 UNITS = units_of(PLAN, devices={"onboard"})
-COMMAND = Command(arguments=("run",), python_path=(Path("/src"),), found_in="here", module="m")
+COMMAND = Command(arguments=("run",), python_path=(Path("/src"),), module="m")
 EXECUTABLES = {CONTROLLER.full_name: COMMAND}
 
 
@@ -74,7 +74,7 @@ def test_a_process_gets_its_name_its_level_and_its_environment(tmp_path: Path) -
 def test_a_program_of_this_python_is_known_as_its_arguments(
     tmp_path: Path, command: dict[str, str], program: str | None
 ) -> None:
-    executables = {CONTROLLER.full_name: Command(**command, found_in="here")}  # type: ignore[arg-type]
+    executables = {CONTROLLER.full_name: Command(**command)}  # type: ignore[arg-type]
     found = unit_commands(UNITS, executables, tmp_path, {})[CONTROLLER.full_name]
     if program is None:
         assert found.in_python == ()
@@ -111,14 +111,11 @@ def test_a_package_below_a_folder_with_a_colon_is_rejected_with_the_reason(tmp_p
 PROCESS = node("arm")
 COMPOSABLE = Command(
     arguments=(sys.executable, "-c", "..."),
-    found_in="the sources",
     python_path=(Path("/ws/arm"),),
     module="arm.run",
     function="main",
 )
-INSTALLED = Command(
-    arguments=(f"{sys.prefix}/lib/arm/run",), found_in="the prefix", module="arm.run"
-)
+INSTALLED = Command(arguments=(f"{sys.prefix}/lib/arm/run",), module="arm.run")
 
 
 def member(name: str, command: Command) -> ComposedNode:

@@ -16,7 +16,7 @@ from ..plans import node  # noqa: TID252 - shared by folders of tests
 
 
 def command(program: str = sys.executable) -> Command:
-    return Command(arguments=(program,), found_in="here", module="m")
+    return Command(arguments=(program,), module="m")
 
 
 def early(*nodes: PlannedNode, program: str = sys.executable, together: bool = False) -> list[str]:
