@@ -16,12 +16,12 @@ from obk_cli.errors import CommandFailedError
 
 __all__ = [
     "distribution_version",
-    "distributions_like",
     "how_to_install_ros",
     "no_ros",
     "require_extra",
     "require_ros",
     "run_versions",
+    "wheels_distribution",
 ]
 
 
@@ -73,6 +73,7 @@ def _install(extra: str) -> str:
 
 
 _INFO = re.compile(r"([^-]+)-(.+?)(?:-py[\d.]+)?\.(?:dist|egg)-info")
+_RCLPY_WHEEL = re.compile(r"ros_([a-z]+)_rclpy")
 
 
 def distribution_version(name: str) -> str | None:
@@ -80,10 +81,10 @@ def distribution_version(name: str) -> str | None:
     return _versions(tuple(sys.path)).get(_normal(name))
 
 
-def distributions_like(pattern: str) -> Mapping[str, str]:
-    """Name -> version of the installed distributions whose name (with `_`) matches a pattern."""
-    every = _versions(tuple(sys.path))
-    return {name: version for name, version in every.items() if re.fullmatch(pattern, name)}
+def wheels_distribution() -> str | None:
+    """The ROS distribution of the installed wheels, `jazzy`; None if no wheels are installed."""
+    wheels = (_RCLPY_WHEEL.fullmatch(name) for name in _versions(tuple(sys.path)))
+    return next((wheel[1] for wheel in wheels if wheel), None)
 
 
 def _normal(name: str) -> str:
@@ -110,12 +111,12 @@ def run_versions() -> Mapping[str, str]:
 
     It does not import them.
     """
-    wheels = distributions_like(r"ros_[a-z]+_rclpy")
+    wheels = wheels_distribution()
     found = {
         "obk": distribution_version("obelisk-cli"),
         "python": platform.python_version(),
         "mujoco": distribution_version("mujoco"),
-        "rclpy": next(iter(wheels.values()), None) or distribution_version("rclpy"),
-        "ros": next((name.split("_")[1] for name in wheels), None) or os.environ.get("ROS_DISTRO"),
+        "rclpy": distribution_version(f"ros_{wheels}_rclpy" if wheels else "rclpy"),
+        "ros": wheels or os.environ.get("ROS_DISTRO"),
     }
     return {name: version for name, version in found.items() if version}

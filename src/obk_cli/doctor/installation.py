@@ -12,8 +12,7 @@ from typing import Final
 
 import obk_cli
 from obk_cli.doctor.finding import Fact, Finding, error, note, ok, warning
-from obk_cli.doctor.ros import wheels_distribution
-from obk_cli.optional_deps import distribution_version
+from obk_cli.optional_deps import distribution_version, wheels_distribution
 
 __all__ = ["PathFacts", "PythonFacts", "judge_paths", "judge_python", "probe_paths", "probe_python"]
 

@@ -14,7 +14,7 @@ from typing import Final
 from obk_cli.doctor.finding import Finding, error, note, ok, warning
 from obk_cli.errors import CommandFailedError
 from obk_cli.install_source import install_command
-from obk_cli.optional_deps import distribution_version, distributions_like
+from obk_cli.optional_deps import distribution_version, wheels_distribution
 from obk_cli.ros.environment import OUR_RMW, ros_environment
 
 __all__ = [
@@ -25,7 +25,6 @@ __all__ = [
     "judge_ros",
     "probe_rmw",
     "probe_ros",
-    "wheels_distribution",
 ]
 
 
@@ -157,12 +156,6 @@ def find_rclpy() -> Path | None:
     """The folder from which rclpy would be imported."""
     spec = importlib.util.find_spec("rclpy")
     return Path(spec.origin).parent if spec and spec.origin else None
-
-
-def wheels_distribution() -> str | None:
-    """The ROS distribution of the installed wheels; None if no wheels are installed."""
-    wheels = distributions_like(r"ros_[a-z]+_rclpy")
-    return next((name.split("_")[1] for name in wheels), None)
 
 
 def probe_ros() -> RosFacts:

@@ -169,9 +169,9 @@ def _states_in_graph(
     Raises:
         CommandFailedError: no such node exists, or ROS is missing.
     """
-    from obk_cli.ros.lifecycle_client import open_lifecycle_client
+    from obk_cli.ros.lifecycle_client import LifecycleClient, open_client
 
-    with open_lifecycle_client(NODE_NAME, environment) as ros:
+    with open_client(NODE_NAME, environment, LifecycleClient) as ros:
         chosen = _choose(ros, environment, search, timeout_s)
         return {node: _ros_state(ros, node, timeout_s) for node in chosen}
 
@@ -195,9 +195,9 @@ def _change_in_graph(
         CommandFailedError: no such node exists, or ROS is missing.
     """
     members: list[Member] = []
-    from obk_cli.ros.lifecycle_client import open_lifecycle_client
+    from obk_cli.ros.lifecycle_client import LifecycleClient, open_client
 
-    with open_lifecycle_client(NODE_NAME, environment) as ros:
+    with open_client(NODE_NAME, environment, LifecycleClient) as ros:
         chosen = _choose(ros, environment, search, timeout_s)
         for node in chosen if transition in UP else reversed(chosen):
             member = _taken(ros, transition, node, timeout_s)

@@ -9,7 +9,7 @@ import threading
 import time
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Final, Self, TypeVar
@@ -30,7 +30,6 @@ __all__ = [
     "NodeClients",
     "TransitionReply",
     "open_client",
-    "open_lifecycle_client",
 ]
 
 PING_S: Final = 3.0
@@ -222,13 +221,6 @@ class LifecycleClient:
 
 
 C = TypeVar("C", bound=LifecycleClient)
-
-
-def open_lifecycle_client(
-    name: str, environment: RosEnvironment
-) -> AbstractContextManager[LifecycleClient]:
-    """A client with its own ROS node, spinning in a thread; see `open_client`."""
-    return open_client(name, environment, LifecycleClient)
 
 
 @contextmanager

@@ -65,10 +65,10 @@ def in_graph(
     faults: Mapping[str, str] | None = None,
 ) -> None:
     @contextmanager
-    def open_fake(name: str, environment: RosEnvironment) -> Iterator[FakeRos]:
+    def open_fake(name: str, environment: RosEnvironment, kind: object) -> Iterator[FakeRos]:
         yield FakeRos(states, faults or {})
 
-    monkeypatch.setattr(lifecycle_client, "open_lifecycle_client", open_fake)
+    monkeypatch.setattr(lifecycle_client, "open_client", open_fake)
 
 
 def changes(stack: FakeStack) -> list[tuple[str, tuple[str, ...], float | None]]:
@@ -262,10 +262,10 @@ def test_over_ros_a_given_limit_is_for_discovery_and_for_responses(
             return super().state(node, timeout_s)
 
     @contextmanager
-    def open_patient(name: str, environment: RosEnvironment) -> Iterator[Patient]:
+    def open_patient(name: str, environment: RosEnvironment, kind: object) -> Iterator[Patient]:
         yield Patient(ACTIVE, {})
 
-    monkeypatch.setattr(lifecycle_client, "open_lifecycle_client", open_patient)
+    monkeypatch.setattr(lifecycle_client, "open_client", open_patient)
     for limit_s, expected in (
         (30.0, [30.0, 30.0]),
         (None, [lifecycle.DISCOVERY_S, lifecycle.ANSWER_S]),
