@@ -25,10 +25,10 @@ _MOST_SIFTED = 2_000
 _LONGEST = 100
 
 
-def near_names(name: str, known: Iterable[str], *, most: int = 3) -> tuple[str, ...]:
-    """Return the known names closest to `name`, best first, ignoring case."""
+def near_names(name: str, known: Iterable[str]) -> tuple[str, ...]:
+    """Return up to three known names, those closest to `name`, best first, ignoring case."""
     by_folded = {candidate.casefold(): candidate for candidate in comparable(name, known)}
-    close = get_close_matches(name.casefold(), by_folded, n=most, cutoff=0.6)
+    close = get_close_matches(name.casefold(), by_folded, n=3, cutoff=0.6)
     return tuple(by_folded[folded] for folded in close)
 
 

@@ -13,25 +13,25 @@ LONGEST_S: Final = 1e8
 """Longer times are mistakes, except for infinity where it is allowed [s]."""
 
 
-def require_number(name: str, value: float, *, least: float = 0.0, most: float = math.inf) -> None:
-    """Check that a number is within limits.
+def require_number(name: str, value: float, *, most: float = math.inf) -> None:
+    """Check that a number is from 0 to `most`.
 
     Raises:
         ValueError: it is not, or it is NaN.
     """
-    if not least <= value <= most:
-        limits = f"at least {least:g}" if most == math.inf else f"from {least:g} to {most:g}"
+    if not 0.0 <= value <= most:
+        limits = "at least 0" if most == math.inf else f"from 0 to {most:g}"
         raise ValueError(f"{name} is {value}, expected a number {limits}")
 
 
-def require_duration(name: str, seconds: float) -> None:
+def require_duration(seconds: float) -> None:
     """Check that a duration is positive; infinity is allowed.
 
     Raises:
         ValueError: it is not.
     """
     if not seconds > 0.0:
-        raise ValueError(f"{name} is {seconds}, expected a number of seconds greater than 0")
+        raise ValueError(f"the duration is {seconds}, expected a number of seconds greater than 0")
 
 
 def require_time(name: str, seconds: float) -> None:

@@ -276,7 +276,7 @@ class StackTrial:
         """
         require_vector("the force", force)
         require_vector("the torque", torque)
-        require_duration("the duration", duration)
+        require_duration(duration)
         if body == _WORLD:
             raise ValueError(f"`{_WORLD}` cannot move")
         self._bodies.push(body, force, min(duration, LONGEST_S), torque, robot)
@@ -314,7 +314,7 @@ class StackTrial:
             ValueError: the share is not from 0 to 1, or the duration is not positive.
         """
         require_number("the share", share, most=1.0)
-        require_duration("the duration", duration)
+        require_duration(duration)
         self._disturbances.drop(self._topic(topic), share, duration)
         self._log_intervention(f"drop {share:g} of {topic}", duration)
 
@@ -331,7 +331,7 @@ class StackTrial:
             ValueError: the latency is negative, or the duration is not positive.
         """
         require_time("the delay", seconds)
-        require_duration("the duration", duration)
+        require_duration(duration)
         self._disturbances.delay(self._topic(topic), seconds, duration)
         self._log_intervention(f"delay {topic} by {seconds:g} s", duration)
 
@@ -349,7 +349,7 @@ class StackTrial:
             ValueError: the standard deviation is negative, or the duration is not positive.
         """
         require_number("sigma", sigma, most=_LARGEST_SIGMA)
-        require_duration("the duration", duration)
+        require_duration(duration)
         self._disturbances.noise(self._topic(topic), field, sigma, duration)
         self._log_intervention(f"add noise of {sigma:g} to {topic}.{field}", duration)
 
@@ -406,7 +406,7 @@ class StackTrial:
         Raises:
             ValueError: the duration is not positive.
         """
-        require_duration("the duration", duration)
+        require_duration(duration)
         scheduler, scheduled = self._lockstep.scheduler, self._scheduled(node)
         self._log_intervention(f"freeze {node}", duration)
         scheduler.freeze(scheduled)

@@ -234,7 +234,7 @@ def command(
         require_devices(plan, device, lead)
         share = share_of(plan, device, lead)
         if sim_duration is not None:
-            require_simulated_time(plan, share, "--sim-duration")
+            require_simulated_time(plan, share)
         require_libraries(plan, share)
         render_arguments = RenderArguments(
             path=render, camera=render_camera, size=render_size, rate_hz=render_fps

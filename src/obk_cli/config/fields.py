@@ -275,9 +275,9 @@ class Fields:
         self._faults.append(found("OBK105", message, text.span, help=help, fix=edits))
         return None
 
-    def mapping(self, key: str, *, required: bool = False) -> TreeMap | None:
+    def mapping(self, key: str) -> TreeMap | None:
         """A mapping."""
-        entry = self.entry(key, required=required)
+        entry = self.entry(key)
         if entry is None or isinstance(entry.value, TreeMap):
             return entry.value if entry and isinstance(entry.value, TreeMap) else None
         self._wrong(key, entry.value, "a mapping")

@@ -113,16 +113,16 @@ def with_simulator_parameters(
     )
 
 
-def require_simulated_time(plan: Plan, share: Share, option: str) -> None:
-    """Check that a simulator which runs here sets the time of the stack.
+def require_simulated_time(plan: Plan, share: Share) -> None:
+    """Check for `--sim-duration` that a simulator which runs here sets the time of the stack.
 
     Raises:
         MisuseError: no simulated robot runs here, or the stack runs on the wall clock.
     """
-    _require_simulated_robots(plan, share, option)
+    _require_simulated_robots(plan, share, "--sim-duration")
     if not is_only_clock(plan, [node for node in plan.nodes if node.device in share.devices]):
         raise MisuseError(
-            f"`{option}`: `{plan.name}` does not run in simulated time",
+            f"`--sim-duration`: `{plan.name}` does not run in simulated time",
             help=f"a stack with one robot of `{SIMULATOR}` does unless it sets `use_sim_time: "
             "false`; `--duration` counts seconds of the wall clock",
         )

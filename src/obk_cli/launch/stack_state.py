@@ -259,16 +259,16 @@ class StackState:
         """Whether a node is known not to be in a transition."""
         return self.states.get(node) in RESTING
 
-    def are_all(self, nodes: Collection[str], state: str) -> bool:
-        """Whether `nodes` is not empty and all are in a state."""
-        return bool(nodes) and all(self.states.get(node) == state for node in nodes)
+    def are_finalized(self, nodes: Collection[str]) -> bool:
+        """Whether `nodes` is not empty and all are finalized."""
+        return bool(nodes) and all(self.states.get(node) == FINALIZED for node in nodes)
 
     def summary(self) -> str:
         """The furthest state that every node has reached, or the current transition."""
         if self.moving:
             return self.moving
         counted = self.counted()
-        if self.are_all(counted, FINALIZED):
+        if self.are_finalized(counted):
             return FINALIZED
         states = {self.states.get(node, UNCONFIGURED) for node in counted}
         ranks = [ORDER.index(state) if state in ORDER else 0 for state in states]

@@ -296,7 +296,7 @@ class Supervisor:
                 limit_s=requested.timeout_s or self._context.limits.transition_s,
             )
         )
-        if state.are_all(state.counted(), FINALIZED):
+        if state.are_finalized(state.counted()):
             self._run.stop(NOT_BY_US)
         return answer
 
@@ -523,7 +523,7 @@ class Supervisor:
         is_early = state.is_early(unit)
         has_lifecycle = state.with_lifecycle.issuperset(names)
         # Once its nodes are finalized, a process has nothing left to do but exit.
-        is_over = has_lifecycle and state.are_all(names, FINALIZED)
+        is_over = has_lifecycle and state.are_finalized(names)
         state.process_ended(unit)
         self._context.heartbeat.forget(names)
         # A node that is still in its constructor handles the second SIGTERM by exiting.
@@ -614,7 +614,7 @@ class Supervisor:
             state.requested[event.node] = event.state
         self._context.publisher.publish(event)
         # A state change without a transition results from a failure, which has its own event.
-        if event.transition and state.are_all(state.local_nodes() - state.lost, FINALIZED):
+        if event.transition and state.are_finalized(state.local_nodes() - state.lost):
             self._run.stop(NOT_BY_US)
 
     def _failed(self, event: Failed) -> None:

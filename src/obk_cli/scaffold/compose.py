@@ -34,7 +34,6 @@ from obk_cli.scaffold.templates import (
     render_templates,
 )
 from obk_cli.scaffold.variables import (
-    TOPICS_TO_FILL_IN,
     TestedStack,
     dependencies,
     entry_point,
@@ -77,7 +76,6 @@ def compose_package(
     spec: PackageSpec,
     templates: Iterable[Template],
     *,
-    topics: str = TOPICS_TO_FILL_IN,
     stack: TestedStack | None = None,
 ) -> Composition:
     """Compose a new package.
@@ -85,13 +83,12 @@ def compose_package(
     Args:
         spec: the package.
         templates: templates of its layers.
-        topics: prefix of its topics.
         stack: the stack that its node joins, and that its test runs.
 
     Raises:
         TemplateFaultError: a template cannot be rendered.
     """
-    return Composition(files=render_templates(templates, template_variables(spec, topics, stack)))
+    return Composition(files=render_templates(templates, template_variables(spec, stack=stack)))
 
 
 def compose_addition(

@@ -64,12 +64,12 @@ class TestedStack:
     """A topic that the node publishes."""
 
 
-def sensor_topic(message: MessageType, topics: str = TOPICS_TO_FILL_IN) -> str:
+def sensor_topic(message: MessageType, topics: str) -> str:
     """The topic of a kind of sensor message."""
     return f"{topics}/{_SENSOR_TOPICS.get(message.full, 'sensor')}"
 
 
-def wires_of(spec: PackageSpec, topics: str = TOPICS_TO_FILL_IN) -> dict[str, tuple[Wire, ...]]:
+def wires_of(spec: PackageSpec, topics: str) -> dict[str, tuple[Wire, ...]]:
     """The `publishers` and `subscribers` of a kind of node."""
     ctrl = (f"{topics}/ctrl", spec.ctrl)
     est = (f"{topics}/est", spec.est)

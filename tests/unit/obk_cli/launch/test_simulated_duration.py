@@ -81,4 +81,4 @@ def test_a_stack_on_the_wall_clock_has_no_simulated_seconds() -> None:
     on_wall_clock = Plan(name="s", nodes=(node("robot", "robot", model="arm.xml"),))
     for plan in (hardware, on_wall_clock):
         with pytest.raises(MisuseError, match="--sim-duration"):
-            require_simulated_time(plan, share_of(plan, None), "--sim-duration")
+            require_simulated_time(plan, share_of(plan, None))
