@@ -6,18 +6,16 @@ Plotting needs matplotlib; `is_drawable` is False without it.
 import importlib.util
 from collections.abc import Iterator
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from obk_cli.files import write_bytes
-from obk_cli.record.plot import DPI, HEIGHT_IN, MOST_LINES, MOST_NAMED, WIDTH_IN
+from obk_cli.record.plot import HEIGHT_IN, MOST_LINES, MOST_NAMED, WIDTH_IN, save_figure
 from obk_testing.result import TrialResult
 from obk_testing.topic_log import Array
 
-__all__ = ["Signal", "draw_trial", "is_drawable", "signals_of"]
+__all__ = ["draw_trial", "is_drawable", "signals_of"]
 
 _MOST_SIGNALS: Final = 6
 """Maximum number of stacked plots; more would be unreadable."""
@@ -94,7 +92,6 @@ def draw_trial(result: TrialResult, title: str, path: Path) -> bool:
     Raises:
         OSError: the file cannot be written.
     """
-    import matplotlib
     from matplotlib.figure import Figure
 
     signals = signals_of(result)
@@ -114,11 +111,7 @@ def draw_trial(result: TrialResult, title: str, path: Path) -> bool:
     parts[-1, 0].set_xlabel("simulated time [s]")
     events = "\n".join(_events(result))
     figure.suptitle(f"{title}\n{events}" if events else title, fontsize="small")
-    picture, kind = BytesIO(), path.suffix.removeprefix(".")
-    with matplotlib.rc_context({"svg.hashsalt": "obk", "svg.fonttype": "none"}):
-        metadata = {"Date": None} if kind == "svg" else None
-        figure.savefig(picture, format=kind, dpi=DPI, metadata=metadata)
-    write_bytes(path, picture.getvalue())
+    save_figure(figure, path)
     return True
 
 

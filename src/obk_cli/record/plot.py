@@ -16,7 +16,7 @@ from io import BytesIO
 from itertools import islice
 from math import isfinite
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,21 +27,22 @@ from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import unwritable, write_bytes
 from obk_cli.ros.field_path import field_steps
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 __all__ = [
-    "DPI",
-    "FORMATS",
     "HEIGHT_IN",
     "MOST_LINES",
     "MOST_NAMED",
     "WIDTH_IN",
     "FieldName",
-    "PlotLine",
     "PlotPart",
     "check_time_range",
     "draw",
     "packed_line",
     "parse_field",
     "plot_parts",
+    "save_figure",
     "write_page",
 ]
 
@@ -234,11 +235,10 @@ def _only(units: set[str]) -> str:
     return units.pop() if len(units) == 1 else ""
 
 
-FORMATS: Final = (".png", ".svg", ".html")
 WIDTH_IN: Final = 9.0
 HEIGHT_IN: Final = 2.6
 """Height of one field's plot [inch]."""
-DPI: Final = 120
+_DPI: Final = 120
 MOST_NAMED: Final = 12
 """Maximum number of lines in a legend."""
 _STYLES: Final = ("-", "--", ":", "-.")
@@ -282,7 +282,6 @@ def draw(
     Raises:
         CommandFailedError: the file cannot be written.
     """
-    import matplotlib
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN * len(parts) + 0.8), layout="constrained")
@@ -308,15 +307,27 @@ def draw(
             _fit(axis, part, xlim)
     axes[-1].set_xlabel("time since activation [s]")
     figure.suptitle(title, fontsize="medium")
-    # Makes the bytes reproducible, and keeps text as text.
+    try:
+        save_figure(figure, path)
+    except OSError as error:
+        raise unwritable(path, error) from error
+
+
+def save_figure(figure: "Figure", path: Path) -> None:
+    """Write a figure as PNG or SVG, depending on the extension; replaces the file as a whole.
+
+    Equal figures give equal bytes, and the text of an SVG remains text.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    import matplotlib
+
     picture, kind = BytesIO(), path.suffix.removeprefix(".")
     with matplotlib.rc_context({"svg.hashsalt": "obk", "svg.fonttype": "none"}):
         metadata = {"Date": None} if kind == "svg" else None
-        figure.savefig(picture, format=kind, dpi=DPI, metadata=metadata)
-    try:
-        write_bytes(path, picture.getvalue())
-    except OSError as error:
-        raise unwritable(path, error) from error
+        figure.savefig(picture, format=kind, dpi=_DPI, metadata=metadata)
+    write_bytes(path, picture.getvalue())
 
 
 def _fit(axis: Any, part: PlotPart, xlim: tuple[float, float]) -> None:
