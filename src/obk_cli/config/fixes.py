@@ -8,13 +8,13 @@ import json
 import re
 
 from obelisk_spec.yaml_core import core_scalar
-from obk_cli.config.tree import Entry, TreeMap, TreeScalar
+from obk_cli.config.tree import Entry, TreeList, TreeMap, TreeScalar
 from obk_cli.diagnostics.edits import Edit
 from obk_cli.diagnostics.source import Span
 
 __all__ = ["append_to", "is_flow", "remove_entry", "respell"]
 
-_FLOW = re.compile(r"(?:[&!]\S*\s+)*\{")
+_FLOW = re.compile(r"(?:[&!]\S*\s+)*[{\[]")
 _BLANK_OR_COMMENT = re.compile(r"[ \t]*(#.*)?")
 _COMMA_AFTER = re.compile(r"[ \t]*,[ \t]*")
 _COMMA_BEFORE = re.compile(r",[ \t]*$")
@@ -43,9 +43,9 @@ def _written(span: Span) -> str:
     return span.text if span.end_line == span.line else ""
 
 
-def is_flow(mapping: TreeMap) -> bool:
-    """Whether a mapping is written in braces."""
-    span = mapping.span
+def is_flow(collection: TreeMap | TreeList) -> bool:
+    """Whether a mapping is written in braces, or a list in brackets."""
+    span = collection.span
     return _FLOW.match(span.source.line(span.line), span.column - 1) is not None
 
 

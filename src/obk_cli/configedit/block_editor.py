@@ -38,7 +38,6 @@ _SECTION_ORDER = ("control", "estimation", "sensing", "robot", "viz", "joystick"
 """The usual order of sections in a config."""
 _DASH = re.compile(r" *-(?= |$)")
 _ANCHOR = re.compile(r"[ \t]*&")
-_FLOW_LIST = re.compile(r"(?:[&!]\S*\s+)*\[")
 _PLAIN = re.compile(r"[A-Za-z_/~][A-Za-z0-9_./~-]*")
 _COLON = re.compile(r"[ \t]*:")
 
@@ -79,12 +78,6 @@ def _style_of(source: SourceFile, tree: TreeMap, section: str) -> Style:
     )
 
 
-def _is_flow_list(items: TreeList) -> bool:
-    """Whether a list is written in brackets."""
-    span = items.span
-    return _FLOW_LIST.match(span.source.line(span.line), span.column - 1) is not None
-
-
 def _sections(tree: TreeMap) -> Iterator[Entry]:
     for holder in (tree, *(device.value for device in devices_of(tree))):
         if isinstance(holder, TreeMap):
@@ -108,7 +101,7 @@ def _steps(entries: tuple[Entry, ...]) -> Iterator[int]:
 def _dashes(entries: list[Entry]) -> Iterator[int]:
     for entry in entries:
         value = entry.value
-        if isinstance(value, TreeList) and not _is_flow_list(value):
+        if isinstance(value, TreeList) and not is_flow(value):
             width = value.span.column - entry.key_span.column
             if value.span.line > entry.key_span.line and width >= 0:
                 yield width
@@ -116,7 +109,7 @@ def _dashes(entries: list[Entry]) -> Iterator[int]:
 
 def _gaps(entries: tuple[Entry, ...]) -> Iterator[int]:
     for entry in entries:
-        if isinstance(entry.value, TreeList) and not _is_flow_list(entry.value):
+        if isinstance(entry.value, TreeList) and not is_flow(entry.value):
             for item in _maps(entry.value):
                 line = item.span.source.line(item.span.line)
                 behind = re.match(r" *-( +)", line)
@@ -264,7 +257,7 @@ class _Inserter:
             return f"is an alias of {value.span}"
         if self._colon(entry) is None:
             return "has no colon after its key"
-        if isinstance(value, TreeList) and _is_flow_list(value) and value.items:
+        if isinstance(value, TreeList) and is_flow(value) and value.items:
             return "is a list in brackets"
         if isinstance(value, TreeMap) and is_flow(value):
             return "is a node in braces"
@@ -286,7 +279,7 @@ class _Inserter:
         return colon.end() if colon else None
 
     def _into_list(self, entry: Entry, items: TreeList) -> Iterator[Edit]:
-        if _is_flow_list(items):
+        if is_flow(items):
             yield from self._instead_of_value(entry, items)
             return
         last = self._regions.last_line_of(entry)
@@ -521,7 +514,7 @@ def _keys(tree: Tree) -> Iterator[Span]:
         for entry in tree:
             yield entry.key_span
             yield from _keys(entry.value)
-    elif isinstance(tree, TreeList) and not _is_flow_list(tree):
+    elif isinstance(tree, TreeList) and not is_flow(tree):
         for item in tree.items:
             yield from _keys(item)
 
