@@ -22,7 +22,6 @@ __all__ = [
     "PRIMITIVES",
     "Bytes",
     "Column",
-    "Field",
     "MessageDefinition",
     "MessageLayout",
     "layout_of",

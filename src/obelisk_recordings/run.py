@@ -16,7 +16,7 @@ from obelisk_recordings.summary import read_attachments, read_bag
 from obelisk_recordings.topic import RecordedTopic
 from obelisk_spec.suggestions import did_you_mean, list_names
 
-__all__ = ["EVENTS_FILE", "RecordedRun", "open_run", "topic_named"]
+__all__ = ["RecordedRun", "open_run", "topic_named"]
 
 EVENTS_FILE: Final = "events.jsonl"
 """File beside the recording of a launch with events, such as when its stack became active."""

@@ -20,15 +20,7 @@ from mcap.summary import Summary
 
 from obelisk_recordings.bag import DROPS, Bag, BagTopic, RecordingError
 
-__all__ = [
-    "LONGEST_RECORD",
-    "file_summary",
-    "read_attachments",
-    "read_bag",
-    "recording_errors",
-    "records_of",
-    "seeking_reader",
-]
+__all__ = ["LONGEST_RECORD", "read_attachments", "read_bag", "recording_errors"]
 
 _BREAKS = (EndOfFile, struct.error)
 """Raised by the library if a file ends in the middle of a record."""

@@ -13,7 +13,7 @@ from obelisk_recordings.chunks import TopicMessages
 from obelisk_recordings.layout import Bytes, Column, MessageLayout, layout_of, parse_definition
 from obelisk_spec.suggestions import did_you_mean, list_names
 
-__all__ = ["Array", "MessageTable", "RecordedField", "RecordedSignal", "RecordedTopic"]
+__all__ = ["MessageTable", "RecordedField", "RecordedSignal", "RecordedTopic"]
 
 Array = NDArray[Any]
 CONTROLS: Final = "u_mujoco"

@@ -12,16 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-__all__ = [
-    "TOKEN",
-    "Refusal",
-    "WebRequest",
-    "cookie_name",
-    "is_of_the_page",
-    "names_this_host",
-    "new_token",
-    "refusal",
-]
+__all__ = ["TOKEN", "WebRequest", "cookie_name", "new_token", "refusal"]
 
 TOKEN: Final = "token"  # noqa: S105 - the parameter's name, no secret
 """The URL's parameter; the page's cookie holds the same value."""

@@ -17,7 +17,7 @@ from typing import Final
 from obelisk_spec.suggestions import ask_for, list_names, near_names
 from obelisk_spec.values import ParameterValue
 
-__all__ = ["ParameterNotes", "parse_notes", "range_text"]
+__all__ = ["ParameterNotes", "parse_notes"]
 
 AT_ONCE: Final = "between callbacks"
 AT_CONFIGURE: Final = "at configure"

@@ -23,7 +23,6 @@ __all__ = [
     "OFFSET_KEYS",
     "PATTERN_KEYS",
     "SCAN_KEYS",
-    "ScanKey",
     "check_scan",
     "grid_count",
     "lidar_columns",

@@ -23,8 +23,6 @@ __all__ = [
     "SENSOR_GROUPS",
     "FieldKind",
     "GroupRule",
-    "ObjectRule",
-    "SensorUse",
     "check_noise",
     "sensor_group",
 ]

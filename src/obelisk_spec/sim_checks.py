@@ -25,14 +25,7 @@ from obelisk_spec.suggestions import (
 )
 from obelisk_spec.values import LONGEST_PERIOD_S, SHORTEST_PERIOD_S, is_number
 
-__all__ = [
-    "SimFault",
-    "SimPath",
-    "check_group_against_model",
-    "check_group_rule",
-    "check_sim",
-    "is_time_step",
-]
+__all__ = ["SimFault", "SimPath", "check_sim", "is_time_step"]
 
 _CAMERA = "camera"
 """The sensor type of an entry that names a camera of the model."""

@@ -13,11 +13,9 @@ from types import MappingProxyType
 from typing import Final, Literal, cast, get_args
 
 __all__ = [
-    "VIDEO_RATES",
     "VIDEO_STATUS",
     "VideoError",
     "VideoSettings",
-    "VideoState",
     "VideoStatus",
     "check_video_size",
     "parse_video",

@@ -33,15 +33,7 @@ from obk_interfaces.toolchain import (
     write_units,
 )
 
-__all__ = [
-    "BuildReport",
-    "Progress",
-    "ProgressCallback",
-    "Step",
-    "build",
-    "digest_of",
-    "fingerprint_of",
-]
+__all__ = ["BuildReport", "Progress", "ProgressCallback", "build", "digest_of"]
 
 Step: TypeAlias = Literal["unchanged", "generate", "compile", "link", "install"]
 

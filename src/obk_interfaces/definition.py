@@ -15,7 +15,7 @@ from obk_interfaces.errors import DefinitionProblem
 from obk_interfaces.package import Interface, InterfacePackage
 from obk_interfaces.prefix import Prefixes
 
-__all__ = ["check_definition", "check_package", "known_messages"]
+__all__ = ["check_definition", "check_package"]
 
 # Source: ISO/IEC 9899:2011, 6.4.1 (only the lower-case keywords)
 _C_KEYWORDS = frozenset(

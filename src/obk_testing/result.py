@@ -23,13 +23,7 @@ from obelisk_spec.suggestions import did_you_mean
 from obk_cli.plan.plan import Plan
 from obk_testing.topic_log import Array, TopicLog
 
-__all__ = [
-    "Comparison",
-    "Intervention",
-    "StateLog",
-    "TrialFacts",
-    "TrialResult",
-]
+__all__ = ["Intervention", "StateLog", "TrialFacts", "TrialResult"]
 
 __tracebackhide__ = True
 """Makes pytest show the line in the test instead of lines in this module."""

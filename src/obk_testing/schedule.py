@@ -19,7 +19,7 @@ from obk_cli.plan.plan import Plan, PlannedNode
 from obk_cli.runs.folder import config_of, run_folders, runs_folder
 from obk_testing.arguments import require_time
 
-__all__ = ["MEASURED", "Activation", "BringUp", "Schedule", "bring_up_times", "read_activations"]
+__all__ = ["BringUp", "Schedule", "bring_up_times"]
 
 MEASURED: Final = "measured"
 """Selects the bring-up of the most recent real run of the stack on this machine."""

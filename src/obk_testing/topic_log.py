@@ -21,7 +21,7 @@ from obelisk_spec.suggestions import did_you_mean, with_number
 from obk_cli.record.recorder import installed_definition
 from obk_cli.ros.field_path import field_steps
 
-__all__ = ["Array", "FieldLog", "TopicLog"]
+__all__ = ["Array", "TopicLog"]
 
 __tracebackhide__ = True
 """Makes pytest show the line in the test instead of lines in this module."""

@@ -39,7 +39,6 @@ __all__ = [
     "STAMP_BYTES",
     "Greeting",
     "SocketFolder",
-    "Stamp",
     "greeting_of",
     "new_page",
     "number_of",

@@ -35,7 +35,7 @@ from obk_cli.config.model import Stack
 from obk_cli.config.topology import Topology
 from obk_cli.diagnostics.diagnostic import Diagnostic
 
-__all__ = ["CHECKS", "TEST_CHECKS", "WHOLE_CHECKS", "Check", "check_stack"]
+__all__ = ["check_stack"]
 
 Check = Callable[[CheckContext], Iterator[Diagnostic]]
 

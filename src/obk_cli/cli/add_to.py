@@ -26,7 +26,7 @@ from obk_cli.scaffold.package_spec import PackageRequest, PackageSpec
 from obk_cli.scaffold.variables import TestedStack, config_snippet
 from obk_cli.workspace.package_index import PackageIndex
 
-__all__ = ["ConfigEdit", "OpenConfig", "open_config"]
+__all__ = ["OpenConfig", "open_config"]
 
 
 _OPTIONS: Mapping[str, str] = {

@@ -17,14 +17,7 @@ from click.shell_completion import CompletionItem
 if TYPE_CHECKING:
     from obk_cli.runs.folder import Run
 
-__all__ = [
-    "complete_kept_runs",
-    "complete_nodes",
-    "complete_rules",
-    "complete_runs",
-    "complete_topics",
-    "make_completable",
-]
+__all__ = ["complete_kept_runs", "complete_nodes", "complete_topics", "make_completable"]
 
 Find = Callable[[str], list[str]]
 

@@ -22,7 +22,7 @@ from obk_cli.plan.plan import Plan
 from obk_cli.record.recorder_job import RecordRequest
 from obk_cli.ros.environment import ros_environment
 
-__all__ = ["NodesRequest", "only_nodes"]
+__all__ = ["NodesRequest"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

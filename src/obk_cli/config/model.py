@@ -30,8 +30,6 @@ __all__ = [
     "NODE_SECTIONS",
     "ONE_DEVICE",
     "PARAMS_PACKAGE",
-    "SIMULATOR_EXECUTABLE",
-    "SIMULATOR_PACKAGE",
     "SIM_PARAMETER",
     "CallbackGroup",
     "Component",

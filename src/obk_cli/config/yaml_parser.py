@@ -18,12 +18,7 @@ from obk_cli.config.yaml_error_context import YAML_LOADER, YamlText, forbidden_c
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.source import LONGEST_FILE_BYTES, SourceFile, Span
 
-__all__ = [
-    "Parsed",
-    "decode_source",
-    "parse_source",
-    "too_many_values",
-]
+__all__ = ["decode_source", "parse_source", "too_many_values"]
 
 _DEEPEST = 100
 

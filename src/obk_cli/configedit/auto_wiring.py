@@ -20,7 +20,7 @@ from obk_cli.configedit.new_node import (
 )
 from obk_cli.diagnostics.source import Span
 
-__all__ = ["Link", "Switch", "Tick", "Wired", "matching_types", "wire_node"]
+__all__ = ["Link", "Tick", "Wired", "matching_types", "wire_node"]
 
 _SOURCES: Mapping[str, tuple[str, ...]] = {
     "control": ("estimation", "robot", "sensing", "control", "joystick"),

@@ -14,7 +14,7 @@ from obelisk_spec.suggestions import with_number
 from obk_cli.plan.plan import Endpoint, Plan, PlannedNode, PlannedSensorGroup
 from obk_cli.terminal import printable
 
-__all__ = ["SECTION_COLOURS", "Colour", "Graph", "GraphNode", "GraphTopic", "graph_of"]
+__all__ = ["SECTION_COLOURS", "Graph", "GraphNode", "GraphTopic", "graph_of"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

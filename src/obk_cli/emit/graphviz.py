@@ -22,7 +22,7 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.optional_deps import require_extra
 from obk_cli.terminal import columns_of, printable, shortened
 
-__all__ = ["FONT_SIZE", "draw", "emit_dot", "emit_png", "emit_svg"]
+__all__ = ["emit_dot", "emit_png", "emit_svg"]
 
 
 FONT_SIZE: Final = 11

@@ -8,16 +8,7 @@ from obelisk_spec.components import TIERS
 from obk_cli.launch.process_groups import Unit, rule_of
 from obk_cli.plan.plan import OnCrash
 
-__all__ = [
-    "FAULTS",
-    "Allowances",
-    "Case",
-    "Expectation",
-    "Fault",
-    "Reaction",
-    "expectation_of",
-    "make_cases",
-]
+__all__ = ["FAULTS", "Allowances", "Case", "Fault", "Reaction", "expectation_of", "make_cases"]
 
 
 Fault = Literal["delay", "freeze", "kill"]

@@ -25,7 +25,6 @@ __all__ = [
     "Question",
     "SetReply",
     "ValuesReply",
-    "WireDescription",
     "WireParameter",
     "decode_reply",
     "description_of",

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from obk_cli.introspect.target import GraphTarget
 
 __all__ = [
-    "Kind",
     "absolute",
     "find_node",
     "find_service",

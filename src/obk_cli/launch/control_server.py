@@ -44,7 +44,7 @@ from obk_cli.runs.protocol import (
     encode_line,
 )
 
-__all__ = ["AskGraph", "serve_control"]
+__all__ = ["serve_control"]
 
 AskGraph = Callable[[bytes, Callable[[bytes], None]], object]
 """Takes a query about the ROS graph and a callback, called from another thread, with the answer."""

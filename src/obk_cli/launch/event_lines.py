@@ -41,15 +41,7 @@ from obk_cli.launch.rates import RateSummaries, RateSummary
 from obk_cli.runs.lifecycle import ACTIVE, INACTIVE, UNCONFIGURED
 from obk_cli.terminal import only_colour, plain
 
-__all__ = [
-    "STEADY",
-    "Journal",
-    "JsonReport",
-    "LaunchReport",
-    "event_record",
-    "output_record",
-    "short_name",
-]
+__all__ = ["STEADY", "Journal", "JsonReport", "LaunchReport", "event_record", "short_name"]
 
 
 _NAMES: Final[Mapping[type[OutputEvent], str]] = {k: name for name, k in OUTPUT_EVENTS.items()}

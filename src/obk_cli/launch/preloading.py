@@ -15,7 +15,7 @@ from typing import Final
 from obk_cli.process import preload
 from obk_cli.ros.environment import PROFILES_FILES
 
-__all__ = ["SWITCH", "Preload", "can_preload", "preload_for"]
+__all__ = ["Preload", "can_preload", "preload_for"]
 
 SWITCH: Final = "OBK_PRELOAD"
 """Environment variable that disables preloading if set to `off`."""

@@ -21,7 +21,7 @@ from obk_cli.launch.events import (
 from obk_cli.launch.stack_state import StackState
 from obk_cli.runs.lifecycle import ACTIVE
 
-__all__ = ["INTERVAL_S", "SILENT_S", "RateSummaries", "RateSummary", "RateWatch"]
+__all__ = ["INTERVAL_S", "RateSummaries", "RateSummary", "RateWatch"]
 
 SILENT_S: Final = 3.0
 """Time after the last report at which a rate counts as unreported; one report may be late [s]."""

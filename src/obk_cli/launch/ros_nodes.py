@@ -51,7 +51,6 @@ __all__ = [
     "open_ros_nodes",
     "rates_of",
     "subscribe_to_diagnostics",
-    "video_of",
 ]
 
 POLL_S: Final = 0.01

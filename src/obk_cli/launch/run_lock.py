@@ -42,7 +42,7 @@ from obk_cli.runs.registry import STOP_S, end_launcher, is_alive, live_folders
 if TYPE_CHECKING:
     from obk_cli.launch.console import Output
 
-__all__ = ["RunLock", "claim_run", "locked_run"]
+__all__ = ["claim_run", "locked_run"]
 
 CLAIM_S: Final = 5.0
 """Limit for another launch to hold the lock [s]."""

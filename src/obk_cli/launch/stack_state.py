@@ -15,7 +15,7 @@ from obk_cli.plan.plan import OnCrash, Plan, PlannedNode
 from obk_cli.runs.lifecycle import ACTIVE, FINALIZED, INACTIVE, RESTING, UNCONFIGURED
 from obk_cli.runs.protocol import NodeStatus
 
-__all__ = ["GONE", "Crash", "Failure", "RunState", "StackState"]
+__all__ = ["GONE", "Crash", "RunState", "StackState"]
 
 GONE: Final = "gone"
 """Shown instead of a state for a node whose process has ended."""

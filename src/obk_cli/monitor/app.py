@@ -34,7 +34,7 @@ from obk_cli.monitor.table import (
 from obk_cli.runs.protocol import ChangeAnswer
 from obk_cli.terminal import plain
 
-__all__ = ["Change", "MonitorApp", "Views", "run_monitor"]
+__all__ = ["MonitorApp", "Views", "run_monitor"]
 
 Change = Callable[[StackView, str, tuple[str, ...]], ChangeAnswer]
 """Takes nodes (full names) of a view's stack through a transition; no names: the whole stack."""

@@ -30,9 +30,7 @@ __all__ = [
     "StackParameters",
     "Tuner",
     "field_text",
-    "initial_text",
     "parameter_data",
-    "step_of",
 ]
 
 

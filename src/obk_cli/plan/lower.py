@@ -53,7 +53,7 @@ from obk_cli.plan.plan import (
     PlannedSensorGroup,
 )
 
-__all__ = ["DEFAULT_STACK_NAME", "lower_stack"]
+__all__ = ["lower_stack"]
 
 DEFAULT_STACK_NAME = "obelisk"
 _SIM_DEFAULTS = {"num_steps_per_viz": DEFAULT_STEPS_PER_VIZ}

@@ -20,12 +20,9 @@ from obelisk_recordings.run import RecordedRun
 from obelisk_recordings.topic import RecordedTopic
 
 __all__ = [
-    "BytesComparison",
-    "Difference",
     "FirstDifference",
     "RunComparison",
     "SignalDifference",
-    "TopicComparison",
     "compare_runs",
     "first_different_message",
 ]

@@ -24,7 +24,7 @@ from obelisk_spec.suggestions import list_names
 from obk_cli.errors import CommandFailedError
 from obk_cli.files import unwritable
 
-__all__ = ["ExportFormat", "ExportedTopic", "export_run"]
+__all__ = ["export_run"]
 
 ExportFormat = Literal["parquet", "csv"]
 _TIMES: Final = ("t", "published_ns", "received_ns")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from obk_cli.ros.participant import RosParticipant
     from obk_cli.ros.publisher import RosPublisher
 
-__all__ = ["Played", "command_topics", "inputs_of", "play", "playable_topics", "refuse_live_topic"]
+__all__ = ["Played", "command_topics", "play", "playable_topics", "refuse_live_topic"]
 
 _DEPTH: Final = 1000
 """Queue depth for a slow subscription: one second of a fast topic."""

@@ -25,12 +25,7 @@ from obk_cli.ros.participant import (
 )
 from obk_cli.ros.services import ASK_AGAIN_S
 
-__all__ = [
-    "LifecycleClient",
-    "NodeClients",
-    "TransitionReply",
-    "open_client",
-]
+__all__ = ["LifecycleClient", "NodeClients", "open_client"]
 
 PING_S: Final = 3.0
 """Limit for the answer to a state query [s]."""

@@ -26,7 +26,6 @@ from obk_cli.ros.raw_subscription import RawSubscription, offered_qos
 __all__ = [
     "OBSERVER_NODE",
     "RosParticipant",
-    "defer_message_generator",
     "make_bare_node",
     "open_context",
     "open_participant",

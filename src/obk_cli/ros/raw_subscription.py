@@ -30,12 +30,9 @@ __all__ = [
     "RequestedQos",
     "Tap",
     "arrived",
-    "deserialized",
     "messages",
     "offered_qos",
-    "open_tap",
     "requested_qos",
-    "serialized",
 ]
 
 

@@ -19,7 +19,6 @@ from obk_cli.runs.protocol import ANSWER_S, NodeStatus, StackStatus, ask_status,
 __all__ = [
     "NO_ANSWER",
     "STOP_S",
-    "LauncherEnd",
     "LiveStack",
     "NodeSelection",
     "end_launcher",

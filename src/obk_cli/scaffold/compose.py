@@ -41,7 +41,6 @@ from obk_cli.scaffold.variables import (
 )
 
 __all__ = [
-    "LONGEST_STACK_NAME",
     "Composition",
     "check_stack",
     "compose_addition",

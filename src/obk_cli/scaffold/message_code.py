@@ -12,7 +12,6 @@ from obk_cli.scaffold.package_spec import MessageType
 
 __all__ = [
     "LINE_LENGTH",
-    "MessageCode",
     "control_code",
     "cpp_control",
     "cpp_estimate",
@@ -21,7 +20,6 @@ __all__ = [
     "estimate_code",
     "has_header",
     "import_block",
-    "import_line",
     "is_position_control",
     "message_imports",
     "reading_code",

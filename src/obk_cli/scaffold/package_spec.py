@@ -28,7 +28,6 @@ __all__ = [
     "USUAL_OF_SENSOR",
     "USUAL_SENSOR",
     "MessageType",
-    "Messages",
     "PackageRequest",
     "PackageSpec",
     "check_request",

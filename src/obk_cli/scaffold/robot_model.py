@@ -19,12 +19,9 @@ from obk_cli.scaffold.message_code import LINE_LENGTH
 __all__ = [
     "HeldActuator",
     "Hold",
-    "ModelSensors",
     "RobotModel",
-    "Supplement",
     "describe_robot",
     "model_variables",
-    "scalar_joints",
     "sensor_groups",
     "supplement",
 ]

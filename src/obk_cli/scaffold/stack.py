@@ -15,15 +15,7 @@ from obk_cli.scaffold.kinds import NODE_KINDS, SECTIONS
 from obk_cli.scaffold.package_spec import MessageType
 from obk_cli.scaffold.variables import sensor_topic
 
-__all__ = [
-    "Model",
-    "ModelSensor",
-    "StackNode",
-    "StackSketch",
-    "choose_nodes",
-    "read_model_text",
-    "stack_text",
-]
+__all__ = ["Model", "StackNode", "StackSketch", "choose_nodes", "read_model_text", "stack_text"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

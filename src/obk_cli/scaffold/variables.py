@@ -24,13 +24,11 @@ from obk_cli.scaffold.package_spec import MessageType, PackageSpec
 __all__ = [
     "TOPICS_TO_FILL_IN",
     "TestedStack",
-    "Wire",
     "config_snippet",
     "dependencies",
     "entry_point",
     "sensor_topic",
     "template_variables",
-    "wires_of",
 ]
 
 TOPICS_TO_FILL_IN = "/STACK"

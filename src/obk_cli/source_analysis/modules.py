@@ -25,7 +25,6 @@ __all__ = [
     "LoadModule",
     "Module",
     "ModuleLibrary",
-    "Unknown",
     "UnreadableSourceError",
     "Value",
     "at_top_level",

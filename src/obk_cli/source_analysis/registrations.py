@@ -37,7 +37,7 @@ from obk_cli.source_analysis.modules import (
 )
 from obk_cli.source_analysis.scope import Scope, bound_arguments, mentions, scope_of
 
-__all__ = ["Registrations", "registrations_of"]
+__all__ = ["registrations_of"]
 
 _KINDS: Final[dict[str, ComponentKind]] = {
     "register_obk_publisher": "publisher",
