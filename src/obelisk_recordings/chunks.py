@@ -81,7 +81,6 @@ class RecordedMessage:
     """One serialized message."""
 
     topic: str
-    msg_type: str
     received_ns: int
     """When the recorder received it [ns since 1970]."""
     published_ns: int
@@ -207,7 +206,6 @@ def _in_order(parts: Sequence[TopicMessages]) -> Iterator[RecordedMessage]:
             for place, row in zip(places, rows, strict=True):
                 one = RecordedMessage(
                     topic=part.topic,
-                    msg_type=part.msg_type,
                     received_ns=int(part.received_ns[place]),
                     published_ns=int(part.published_ns[place]),
                     sequence=int(part.sequence[place]),

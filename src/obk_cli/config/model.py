@@ -126,7 +126,6 @@ class Component:
     """Whether the node is in C++, where only the code determines the type."""
     code_type: str | None = None
     """The full message type in the node's code, if known."""
-    history_depth: Spanned[int] | None = None
     qos: Qos = field(default_factory=Qos)
     callback_group: Spanned[str] | None = None
     timer_period_s: Spanned[float] | None = None
@@ -188,7 +187,6 @@ class SensorGroup:
     topic: Spanned[str]
     msg_type: Spanned[str] | None
     period_s: Spanned[float] | None
-    span: Span
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -210,7 +210,6 @@ def _read_group(tree: TreeMap, faults: Faults) -> SensorGroup:
         topic=check_topic(fields.text("topic", required=True), faults) or Spanned("", fields.start),
         msg_type=fields.text("msg_type", required=True),
         period_s=fields.period_s("dt", required=True),
-        span=fields.start,
     )
 
 
@@ -279,6 +278,7 @@ def _read_component(tree: TreeMap, kind: ComponentKind, faults: Faults) -> Compo
             callback_group=group,
             timer_period_s=fields.period_s("timer_period_sec", required=True),
         )
+    fields.count("history_depth")
     return Component(
         kind=kind,
         span=fields.start,
@@ -288,7 +288,6 @@ def _read_component(tree: TreeMap, kind: ComponentKind, faults: Faults) -> Compo
         callback_group=group,
         topic=check_topic(fields.text("topic", required=True), faults),
         msg_type=fields.text("msg_type"),
-        history_depth=fields.count("history_depth"),
         qos=_read_qos(fields.mapping("qos"), faults),
         max_age_s=fields.period_s("max_age_sec"),
         stale_action=fields.one_of("stale_action", STALE_ACTIONS),

@@ -77,11 +77,6 @@ class StateNode:
         self._events = self._node.create_publisher(TransitionEvent, "~/transition_event", DEPTH)
         self._serve()
 
-    @property
-    def full_name(self) -> str:
-        """The node's name in the ROS graph, `/dummy`."""
-        return str(self._node.get_fully_qualified_name())
-
     def show(self, state: str) -> None:
         """Show this state of the stack from now on; may be called from any thread."""
         with self._lock:

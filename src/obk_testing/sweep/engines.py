@@ -129,11 +129,6 @@ class WorkerProcess:
         tests_found = tuple(FoundTest(**each) for each in hello["tests"])
         self.hello = Hello(**{**hello, "tests": tests_found, "files": tuple(hello["files"])})
 
-    @property
-    def pid(self) -> int:
-        """Process id."""
-        return self._process.pid
-
     def run(self, case: SweepCase, limit_s: float) -> Row:
         """Run a case.
 

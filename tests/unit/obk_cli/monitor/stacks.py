@@ -10,9 +10,6 @@ from obk_cli.ros.meters import TopicRate
 __all__ = ["BROKEN", "COMPOSED", "ELSEWHERE", "HEALTHY", "node", "topic"]
 
 
-LOAD: Final = ProcessLoad(cpu_percent=12.34, memory_bytes=74_000_000, uptime_s=83.0)
-
-
 def node(name: str, section: str, pid: int | None = 4711, state: str = "active") -> NodeView:
     return NodeView(
         node=name,

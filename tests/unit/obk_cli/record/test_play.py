@@ -67,9 +67,7 @@ def test_a_topic_without_a_message_cannot_be_published(run: RecordedRun) -> None
 
 def test_messages_are_due_by_their_publication() -> None:
     messages = [
-        RecordedMessage(
-            topic="/a", msg_type="", received_ns=0, published_ns=ns, sequence=0, data=b""
-        )
+        RecordedMessage(topic="/a", received_ns=0, published_ns=ns, sequence=0, data=b"")
         for ns in (5_000_000_000, 4_900_000_000, 5_500_000_000, 7_000_000_000)
     ]
     assert [due_s for due_s, _ in paced(messages, 2.0)] == [0.0, 0.0, 0.25, 1.0]
