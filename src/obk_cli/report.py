@@ -14,7 +14,7 @@ from typing import TypedDict
 from urllib.parse import quote
 
 from obelisk_spec.suggestions import with_number
-from obk_cli.diagnostics.diagnostic import Diagnostic, Related, Severity
+from obk_cli.diagnostics.diagnostic import SEVERITIES, Diagnostic, Related, Severity
 from obk_cli.diagnostics.edits import Edit
 from obk_cli.diagnostics.rules import rule_of
 from obk_cli.diagnostics.source import Span
@@ -30,7 +30,6 @@ __all__ = [
 ]
 
 _COLOURS: dict[str, str] = {"error": "31", "warning": "33", "info": "36", "help": "32", "dim": "2"}
-_SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
 _WIDEST = 160
 """Maximum number of characters shown of a line."""
 
@@ -56,7 +55,7 @@ def summary(paths: Iterable[str], diagnostics: Iterable[Diagnostic], *, colour: 
     paint = _Paint(colour)
     parts = [
         paint(severity, _counted(severity, counts[severity]))
-        for severity in _SEVERITIES
+        for severity in SEVERITIES
         if counts[severity]
     ]
     return f"{where}: {', '.join(parts) if parts else paint('help', 'no findings')}"

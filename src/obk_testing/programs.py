@@ -42,6 +42,7 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.launch.commands import find_executables, is_composable, ros_arguments
 from obk_cli.plan.plan import Plan, PlannedNode
 from obk_cli.report import report_text
+from obk_cli.ros.environment import RANGE
 from obk_cli.workspace.package_index import PackageIndex
 from obk_testing.module_generators import ModuleGenerators
 
@@ -55,7 +56,6 @@ __all__ = [
     "load_stack",
 ]
 
-_DISCOVERY: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _TRIALS_OF_A_PARTICIPANT: Final = 20
 _LOAD_S: Final = 120.0
 """Limit for all programs to call `spin_obelisk` [s]; a large neural network may load slowly."""
@@ -211,15 +211,15 @@ class Participant:
     def open(self) -> None:
         """Create the participant for the first stack."""
         if not rclpy.ok():
-            before = os.environ.get(_DISCOVERY)
-            os.environ[_DISCOVERY] = "OFF"  # hides the nodes from other processes
+            before = os.environ.get(RANGE)
+            os.environ[RANGE] = "OFF"  # hides the nodes from other processes
             try:
                 rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
             finally:
                 if before is None:
-                    del os.environ[_DISCOVERY]
+                    del os.environ[RANGE]
                 else:
-                    os.environ[_DISCOVERY] = before
+                    os.environ[RANGE] = before
             self._owns_context = True
         self._stacks += 1
         if self._keeper is None:

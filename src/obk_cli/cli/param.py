@@ -27,7 +27,7 @@ from obk_cli.cli.options import (
 from obk_cli.emit.params import emit_node_params
 from obk_cli.errors import CommandFailedError
 from obk_cli.ros.parameters import (
-    NOT_SET,
+    UNDESCRIBED,
     NodeParameter,
     ParameterDescription,
     parse_parameter,
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 __all__ = ["app"]
 
 NEGATIVE: Final = re.compile(r"-(\d|\.\d|\.?inf\b)", re.IGNORECASE)
-UNDESCRIBED: Final = ParameterDescription(kind=NOT_SET)
 
 app = typer.Typer(
     add_completion=False,

@@ -17,13 +17,13 @@ from obk_cli.cli.diff import signal_lines
 from obk_cli.cli.options import print_note, with_types
 from obk_cli.cli.play_nodes import NodesRequest
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.target import DOMAIN, GraphTarget, target_of
+from obk_cli.introspect.target import GraphTarget, target_of
 from obk_cli.process.child_process import BoundChild
 from obk_cli.record.compare import compare_runs
 from obk_cli.record.play import Played, command_topics, play
 from obk_cli.record.rewrite import rewrite
 from obk_cli.ros.domains import free_domain
-from obk_cli.ros.environment import RosEnvironment, ros_environment
+from obk_cli.ros.environment import DOMAIN, RosEnvironment, ros_environment
 from obk_cli.runs.folder import runs_folder
 from obk_cli.runs.protocol import ask_status
 from obk_cli.runs.registry import live_folders

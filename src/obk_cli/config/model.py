@@ -30,6 +30,7 @@ __all__ = [
     "NODE_SECTIONS",
     "ONE_DEVICE",
     "PARAMS_PACKAGE",
+    "SIMULATOR_PACKAGE",
     "SIM_PARAMETER",
     "CallbackGroup",
     "Component",

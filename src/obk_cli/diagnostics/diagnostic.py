@@ -7,9 +7,19 @@ from obk_cli.diagnostics.edits import Edit
 from obk_cli.diagnostics.rules import Severity, rule_of
 from obk_cli.diagnostics.source import Span
 
-__all__ = ["Diagnostic", "Related", "Severity", "counted", "found", "in_order", "worst"]
+__all__ = [
+    "SEVERITIES",
+    "Diagnostic",
+    "Related",
+    "Severity",
+    "counted",
+    "found",
+    "in_order",
+    "worst",
+]
 
-_WORST_FIRST: tuple[Severity, ...] = ("error", "warning", "info")
+SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
+"""Worst first."""
 _MOST_OF_ONE_RULE = 1_000
 
 
@@ -91,4 +101,4 @@ def counted(
 def worst(diagnostics: Iterable[Diagnostic]) -> Severity | None:
     """The worst severity among the findings; None if there are no findings."""
     present = {diagnostic.severity for diagnostic in diagnostics}
-    return next((severity for severity in _WORST_FIRST if severity in present), None)
+    return next((severity for severity in SEVERITIES if severity in present), None)

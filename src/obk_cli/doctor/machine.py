@@ -15,6 +15,7 @@ from obelisk_spec.local_transport.sockets import SocketFolder
 from obelisk_spec.runtime_protocol import LOCAL_TRANSPORT_OFF, LOCAL_TRANSPORT_VARIABLE
 from obk_cli.doctor.finding import GIB, MIB, Fact, Finding, bytes_text, note, ok, warning
 from obk_cli.files import explain_os_error
+from obk_cli.process.shared_memory import SHARED_MEMORY
 from obk_cli.runs.folder import runs_folder
 from obk_cli.workspace.model_reader import cache_folder
 
@@ -84,9 +85,6 @@ def judge_shared_memory(facts: SharedMemoryFacts) -> Iterator[Finding]:
             "obk reap",
             dds_files=facts.dds_files,
         )
-
-
-SHARED_MEMORY: Final = Path("/dev/shm")  # noqa: S108 - where DDS has it
 
 
 def probe_shared_memory(folder: Path = SHARED_MEMORY) -> SharedMemoryFacts:

@@ -16,12 +16,11 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.resolve import matching_names
 from obk_cli.plan.plan import Plan
 from obk_cli.process.identity import working_folder
-from obk_cli.ros.environment import RosEnvironment
+from obk_cli.ros.environment import DOMAIN, RosEnvironment
 from obk_cli.runs.folder import Run, plan_of_run, read_run, runs_folder, topics_of_run
 from obk_cli.runs.registry import live_folders
 
 __all__ = [
-    "DOMAIN",
     "NO_NODES_S",
     "GraphTarget",
     "find_message_types",
@@ -29,7 +28,6 @@ __all__ = [
     "with_run_types",
 ]
 
-DOMAIN: Final = "ROS_DOMAIN_ID"
 NO_NODES_S: Final = 1.0
 """Time after which the domain counts as empty; obk's nodes are discovered sooner [s]."""
 

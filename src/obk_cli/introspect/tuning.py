@@ -13,6 +13,7 @@ from obk_cli.emit.params import emit_value
 from obk_cli.errors import CommandFailedError
 from obk_cli.ros.parameters import (
     NOT_SET,
+    UNDESCRIBED,
     NodeParameter,
     ParameterDescription,
     SetAnswer,
@@ -30,7 +31,6 @@ __all__ = ["ChangedParameter", "TunableParameter", "set_parameter", "tunable", "
 EFFECT_S: Final = 1.0
 """Limit for a change to take effect while callbacks of the node are running [s]."""
 ASK_AGAIN_S: Final = 0.02
-UNKNOWN: Final = ParameterDescription(kind=NOT_SET)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,7 +103,7 @@ def set_parameter(parameters: "Parameters", node: str, name: str, text: str) -> 
     """
     given = parse_parameter(text)
     before = parameters.values((name,))[name]
-    description = parameters.describe((name,)).get(name, UNKNOWN)
+    description = parameters.describe((name,)).get(name, UNDESCRIBED)
     kind = description.kind if before.kind == NOT_SET else before.kind
     after = fit_parameter(text, given, kind)
     answer = _set(parameters, name, after)

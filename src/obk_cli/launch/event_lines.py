@@ -39,6 +39,7 @@ from obk_cli.launch.events import (
 )
 from obk_cli.launch.rates import RateSummaries, RateSummary
 from obk_cli.runs.lifecycle import ACTIVE, INACTIVE, UNCONFIGURED
+from obk_cli.runs.logs import LAUNCH_LOG
 from obk_cli.terminal import only_colour, plain
 
 __all__ = ["STEADY", "Journal", "JsonReport", "LaunchReport", "event_record", "short_name"]
@@ -98,7 +99,7 @@ class Journal:
 
     def shown(self, text: str) -> None:
         """Write a line for the user; of lines about rates, the screen shows only a summary."""
-        self._write("launch.log", text)
+        self._write(LAUNCH_LOG, text)
 
     def line(self, node: str, text: str) -> None:
         """Write a line of a node's output, or of a process that nodes share."""

@@ -14,6 +14,7 @@ from obelisk_spec.suggestions import did_you_mean, list_names
 from obelisk_spec.values import ParameterValue
 from obelisk_spec.video import VideoError, VideoSettings, read_video
 from obk_cli.config.environment import ModelRead
+from obk_cli.config.model import SIMULATOR_PACKAGE
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.event_loop import Limits
 from obk_cli.launch.process_groups import Share
@@ -71,10 +72,6 @@ class LaunchOptions:
     """Package and executable of programs known to create their node with `spin_obelisk`."""
 
 
-SIMULATOR: Final = "obelisk_sim_py"
-"""The package whose node runs in this Python environment."""
-
-
 def require_libraries(plan: Plan, share: Share) -> None:
     """Check that ROS 2 can be loaded, and MuJoCo if our simulator runs here.
 
@@ -83,7 +80,7 @@ def require_libraries(plan: Plan, share: Share) -> None:
     """
     require_ros()
     require_shared_memory()
-    if any(robot.package == SIMULATOR for robot in simulated_robots(plan, share)):
+    if any(robot.package == SIMULATOR_PACKAGE for robot in simulated_robots(plan, share)):
         require_extra("mujoco", "sim")
 
 
@@ -123,15 +120,15 @@ def require_simulated_time(plan: Plan, share: Share) -> None:
     if not is_only_clock(plan, [node for node in plan.nodes if node.device in share.devices]):
         raise MisuseError(
             f"`--sim-duration`: `{plan.name}` does not run in simulated time",
-            help=f"a stack with one robot of `{SIMULATOR}` does unless it sets `use_sim_time: "
-            "false`; `--duration` counts seconds of the wall clock",
+            help=f"a stack with one robot of `{SIMULATOR_PACKAGE}` does unless it sets "
+            "`use_sim_time: false`; `--duration` counts seconds of the wall clock",
         )
 
 
 def is_only_clock(plan: Plan, here: Collection[PlannedNode]) -> bool:
     """Whether our simulator, among the nodes that run here, is the only clock of the stack."""
     clocks = [node for node in plan.nodes if node.model and node.parameters.get(USE_SIM_TIME)]
-    return len(clocks) == 1 and clocks[0].package == SIMULATOR and clocks[0] in here
+    return len(clocks) == 1 and clocks[0].package == SIMULATOR_PACKAGE and clocks[0] in here
 
 
 def _require_simulated_robots(plan: Plan, share: Share, option: str) -> tuple[PlannedNode, ...]:

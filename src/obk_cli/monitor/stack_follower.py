@@ -13,10 +13,10 @@ from typing import Final, Protocol
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.introspect.lifecycle import LifecycleRequest, change_states
-from obk_cli.introspect.target import DOMAIN, GraphTarget, target_of
+from obk_cli.introspect.target import GraphTarget, target_of
 from obk_cli.monitor.model import StackView
 from obk_cli.monitor.observers import LocalObserver, RemoteObserver
-from obk_cli.ros.environment import RosEnvironment
+from obk_cli.ros.environment import DOMAIN, RosEnvironment
 from obk_cli.ros.participant import RosParticipant, open_participant
 from obk_cli.runs.folder import Run, runs_folder
 from obk_cli.runs.protocol import ChangeAnswer

@@ -27,7 +27,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-__all__ = ["remove_dead_segments", "require_shared_memory"]
+__all__ = ["SHARED_MEMORY", "remove_dead_segments", "require_shared_memory"]
 
 SHARED_MEMORY: Final = Path("/dev/shm")  # noqa: S108 - where DDS keeps it
 NEEDED: Final = 1 << 14

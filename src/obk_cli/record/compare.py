@@ -18,6 +18,7 @@ from obelisk_recordings.chunks import messages_in_order
 from obelisk_recordings.layout import PRIMITIVES
 from obelisk_recordings.run import RecordedRun
 from obelisk_recordings.topic import RecordedTopic
+from obk_cli.runs.logs import LAUNCH_LOG
 
 __all__ = [
     "FirstDifference",
@@ -34,7 +35,6 @@ _ROUNDING: Final = 1e-9
 """Tolerance for a constant number."""
 _REJECTED: Final = re.compile(r"control rejected: .*?; (\d+) in total")
 """Log message of a robot, at most once per second."""
-_LOG: Final = "launch.log"
 _ROSOUT: Final = "/rosout"
 _MOST_NUMBERS: Final = 32
 """Maximum length of an array whose numbers are signals of their own; a longer one is one signal."""
@@ -226,7 +226,7 @@ def _rejected(run: RecordedRun) -> int | None:
         lines = map(str, topic["msg"]) if topic is not None else iter(())
     else:
         try:
-            text = run.path.with_name(_LOG).read_text(encoding="utf-8", errors="replace")
+            text = run.path.with_name(LAUNCH_LOG).read_text(encoding="utf-8", errors="replace")
         except OSError:
             return None
         lines = iter(text.splitlines())

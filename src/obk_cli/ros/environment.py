@@ -13,10 +13,12 @@ from obk_cli.errors import CommandFailedError
 
 __all__ = [
     "AS_THE_PROFILE_SAYS",
+    "DOMAIN",
     "LAN_PROFILE",
     "LOCALHOST_PROFILE",
     "OUR_RMW",
     "PROFILES_FILES",
+    "RANGE",
     "Network",
     "RosEnvironment",
     "ros_environment",

@@ -20,6 +20,7 @@ __all__ = [
     "KINDS",
     "MODULES",
     "NOT_SET",
+    "UNDESCRIBED",
     "NodeParameter",
     "NodeParameters",
     "ParameterDescription",
@@ -72,6 +73,10 @@ class ParameterDescription:
     notes: ParameterNotes = ParameterNotes()  # noqa: RUF009 - frozen
     """Limits, unit, and when a new value takes effect, as far as the node reports them."""
     text: str = ""
+
+
+UNDESCRIBED: Final = ParameterDescription(kind=NOT_SET)
+"""Replaces the description of a parameter that the node does not describe."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

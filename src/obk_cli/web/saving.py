@@ -10,10 +10,10 @@ from obk_cli.compiler import Options
 from obk_cli.errors import CommandFailedError
 from obk_cli.files import STANDARD_INPUT
 from obk_cli.introspect.config_update import ConfigUpdate, find_update
-from obk_cli.introspect.target import DOMAIN, target_of
+from obk_cli.introspect.target import target_of
 from obk_cli.monitor.model import StackView
 from obk_cli.process.identity import working_folder
-from obk_cli.ros.environment import RosEnvironment
+from obk_cli.ros.environment import DOMAIN, RosEnvironment
 from obk_cli.runs.folder import read_run
 
 __all__ = ["update_data", "update_of_stack"]
