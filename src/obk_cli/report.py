@@ -16,7 +16,7 @@ from urllib.parse import quote
 from obelisk_spec.suggestions import with_number
 from obk_cli.diagnostics.diagnostic import SEVERITIES, Diagnostic, Related, Severity
 from obk_cli.diagnostics.edits import Edit
-from obk_cli.diagnostics.rules import rule_of
+from obk_cli.diagnostics.rules import RULES
 from obk_cli.diagnostics.source import Span
 from obk_cli.terminal import escaped, visible
 
@@ -283,7 +283,7 @@ def report_sarif(diagnostics: Iterable[Diagnostic]) -> str:
 
 
 def _sarif_rule(code: str) -> dict[str, object]:
-    rule = rule_of(code)
+    rule = RULES[code]
     return {
         "id": code,
         "shortDescription": {"text": rule.title},

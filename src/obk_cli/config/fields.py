@@ -278,8 +278,10 @@ class Fields:
     def mapping(self, key: str) -> TreeMap | None:
         """A mapping."""
         entry = self.entry(key)
-        if entry is None or isinstance(entry.value, TreeMap):
-            return entry.value if entry and isinstance(entry.value, TreeMap) else None
+        if entry is None:
+            return None
+        if isinstance(entry.value, TreeMap):
+            return entry.value
         self._wrong(key, entry.value, "a mapping")
         return None
 

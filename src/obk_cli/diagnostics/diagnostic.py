@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from obk_cli.diagnostics.edits import Edit
-from obk_cli.diagnostics.rules import Severity, rule_of
+from obk_cli.diagnostics.rules import RULES, Severity
 from obk_cli.diagnostics.source import Span
 
 __all__ = [
@@ -61,7 +61,7 @@ def found(
     """Create a finding, with the severity of its rule unless another is given."""
     return Diagnostic(
         code=code,
-        severity=severity or rule_of(code).severity,
+        severity=severity or RULES[code].severity,
         message=message,
         span=span,
         help=help,

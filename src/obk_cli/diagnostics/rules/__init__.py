@@ -16,7 +16,7 @@ from obk_cli.diagnostics.rules import (
 )
 from obk_cli.diagnostics.rules.rule import Rule, Severity
 
-__all__ = ["LOCKSTEP_FAMILY", "RULES", "Rule", "Severity", "rule_of"]
+__all__ = ["LOCKSTEP_FAMILY", "RULES", "Rule", "Severity"]
 
 LOCKSTEP_FAMILY = "OBK6"
 """Rules about lockstep runs, which are only checked on request."""
@@ -32,12 +32,3 @@ RULES: Mapping[str, Rule] = MappingProxyType(
     {rule.code: rule for rule in sorted(_EVERY, key=lambda rule: rule.code)}
 )
 """Code -> rule, in the order of the codes."""
-
-
-def rule_of(code: str) -> Rule:
-    """The rule with this code, for codes that the tool itself reports.
-
-    Raises:
-        KeyError: no rule has that code.
-    """
-    return RULES[code]
