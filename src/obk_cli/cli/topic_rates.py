@@ -22,7 +22,6 @@ from obk_cli.cli.options import (
     with_types,
 )
 from obk_cli.errors import CommandFailedError
-from obk_cli.ros.meters import Delay, TopicRate
 
 __all__ = ["delay_text", "rate_text"]
 
@@ -240,7 +239,7 @@ SILENT_S: Final = 1.0
 that is longer [s]."""
 
 
-def rate_text(rate: TopicRate) -> str:
+def rate_text(rate: "TopicRate") -> str:
     """The measured rate of a topic as text."""
     age_s = rate.age_s or 0.0
     if rate.rate_hz is None:
@@ -262,12 +261,12 @@ def rate_text(rate: TopicRate) -> str:
     return "  ".join(parts)
 
 
-def rate_data(topic: str, rate: TopicRate) -> dict[str, Any]:
+def rate_data(topic: str, rate: "TopicRate") -> dict[str, Any]:
     """The measured rate of a topic as JSON data."""
     return {"topic": topic, **asdict(rate)}
 
 
-def delay_text(delay: Delay) -> str:
+def delay_text(delay: "Delay") -> str:
     """The latency of a topic as text."""
     clock = f"the stamps come from another clock, {delay.pace:.3g} times as fast"
     zero = f"  (relative to the fastest message: {clock})" if delay.is_relative else ""
@@ -279,7 +278,7 @@ def delay_text(delay: Delay) -> str:
     )
 
 
-def delay_data(topic: str, delay: Delay) -> dict[str, Any]:
+def delay_data(topic: str, delay: "Delay") -> dict[str, Any]:
     """The latency of a topic as JSON data."""
     return {"topic": topic, **asdict(delay)}
 

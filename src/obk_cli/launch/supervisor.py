@@ -51,7 +51,7 @@ from obk_cli.launch.rates import RateWatch
 from obk_cli.launch.restart_policy import RestartPolicy
 from obk_cli.launch.stack_state import RunState, StackState
 from obk_cli.launch.transition_runner import Change, TransitionRunner, reason
-from obk_cli.launch.transitions import UNTIL, PendingRequests, Until, tiers_down, way_down, way_up
+from obk_cli.launch.transitions import UNTIL, WAY_DOWN, PendingRequests, Until, tiers_down, way_up
 from obk_cli.plan.plan import OnCrash, Plan
 from obk_cli.runs.lifecycle import ACTIVE, FINALIZED, TRANSITIONS, UNCONFIGURED, Transition
 from obk_cli.runs.protocol import ChangeAnswer, Member
@@ -350,7 +350,7 @@ class Supervisor:
             if node not in busy and not self._run.force_quit:
                 text = f"{node}: did not report its state within {limits.answer_s:g} s"
                 self._run.fail(text, node)
-        for transition in way_down(ACTIVE):
+        for transition in WAY_DOWN:
             if self._run.force_quit:
                 return
             members = [

@@ -30,6 +30,7 @@ __all__ = [
     "STATES",
     "UNKNOWN",
     "UNTIL",
+    "WAY_DOWN",
     "Edge",
     "PendingRequests",
     "Until",
@@ -38,7 +39,6 @@ __all__ = [
     "find_edge",
     "tiers_down",
     "tiers_up",
-    "way_down",
     "way_up",
 ]
 
@@ -90,6 +90,9 @@ EDGES: Final = tuple(sorted(_edges(), key=lambda edge: edge.number))
 PASSED: Final = {t.passes: t.name for t in TRANSITIONS.values()}
 """State of a node during a transition -> the transition."""
 
+WAY_DOWN: Final = tuple(TRANSITIONS[name] for name in ("deactivate", "cleanup", "shutdown"))
+"""The transitions from `active` to `finalized`, one by one."""
+
 
 def edges_from(state: str) -> tuple[Edge, ...]:
     """The edges that a client can request in a state; none during a transition."""
@@ -118,16 +121,6 @@ def edge_between(start: str, goal: str) -> Edge | None:
 def way_up(state: str) -> tuple[Transition, ...]:
     """The transitions from `unconfigured` to a state; empty if none lead there."""
     names = {INACTIVE: ("configure",), ACTIVE: ("configure", "activate")}
-    return tuple(TRANSITIONS[name] for name in names.get(state, ()))
-
-
-def way_down(state: str) -> tuple[Transition, ...]:
-    """The transitions from a state to `finalized`, one by one."""
-    names = {
-        ACTIVE: ("deactivate", "cleanup", "shutdown"),
-        INACTIVE: ("cleanup", "shutdown"),
-        UNCONFIGURED: ("shutdown",),
-    }
     return tuple(TRANSITIONS[name] for name in names.get(state, ()))
 
 
