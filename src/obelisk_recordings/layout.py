@@ -18,7 +18,6 @@ from obelisk_recordings.bag import RecordingError
 
 __all__ = [
     "HEADER",
-    "HEAD_BYTES",
     "PRIMITIVES",
     "Bytes",
     "Column",

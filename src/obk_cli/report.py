@@ -199,7 +199,7 @@ def report_json(paths: Iterable[str], diagnostics: Iterable[Diagnostic]) -> str:
     report = FindingsReport(
         files=tuple(paths),
         diagnostics=tuple(map(_reported, findings)),
-        counts={severity: counts[severity] for severity in _SEVERITIES},
+        counts={severity: counts[severity] for severity in SEVERITIES},
     )
     return json.dumps(asdict(report), indent=2, ensure_ascii=False)
 

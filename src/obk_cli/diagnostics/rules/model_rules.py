@@ -136,8 +136,8 @@ RULES: tuple[Rule, ...] = (
         severity="warning",
         title="a command of the wrong length",
         cause="The controller writes a list of fixed length into the control message, but the "
-        "model has a different number of actuators. The simulator rejects such messages. Controllers "
-        "that publish commands to several topics are not checked.",
+        "model has a different number of actuators. The simulator rejects such messages. "
+        "Controllers that publish commands to several topics are not checked.",
         fix="Write one value per actuator, in the order of the model.",
     ),
     Rule(
