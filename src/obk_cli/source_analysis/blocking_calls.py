@@ -10,8 +10,15 @@ from obk_cli.source_analysis.modules import dotted_name, span_of
 __all__ = ["check_blocking_calls"]
 
 _SPINS = ("rclpy.spin", "rclpy.spin_once", "rclpy.spin_until_future_complete")
-_TAKE_CALLBACKS = ("create_", "register_obk_", "add_")
-"""Prefixes of methods that take a callback."""
+_TAKE_CALLBACKS = (
+    "create_",
+    "register_obk_",
+    "add_done_callback",
+    "add_on_set_",
+    "add_pre_set_",
+    "add_post_set_",
+)
+"""Prefixes of methods that take a callback, which runs on the executor's thread."""
 _OWN_THREAD = "run_simulator"
 _CONSTRUCTOR = "__init__"
 

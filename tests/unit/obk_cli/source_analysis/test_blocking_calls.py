@@ -41,6 +41,11 @@ def test_a_service_call_is_found_in_anything_the_executor_runs(where: str) -> No
     assert found(**{where: CALL}) == ["OBK426"]
 
 
+@pytest.mark.parametrize("method", ["add_done_callback", "add_on_set_parameters_callback"])
+def test_callbacks_of_futures_and_parameters_run_on_the_executor(method: str) -> None:
+    assert found(tick=f"self.other.{method}(self.work)", work=CALL) == ["OBK426"]
+
+
 @pytest.mark.parametrize(
     "body",
     [
@@ -58,6 +63,7 @@ def test_ways_to_wait(body: str) -> None:
 @pytest.mark.parametrize(
     "bodies",
     [
+        {"tick": "Pool.add_job(self.work)", "work": CALL},
         {"tick": "self.client.call_async(1)"},
         {"tick": "self.other.call(1)"},
         {"tick": "rclpy.spin_once(self.other)"},
