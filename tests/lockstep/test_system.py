@@ -479,6 +479,14 @@ def test_a_guest_thread_that_never_sleeps_is_an_error_with_its_stack(
     assert not thread.is_alive()
 
 
+def test_a_negative_sleep_raises_as_in_a_real_run(world: World) -> None:
+    def sleep() -> None:
+        with pytest.raises(ValueError, match="non-negative"):
+            time.sleep(-0.001)
+
+    _in_callback(world, sleep)
+
+
 def test_a_sleep_that_takes_no_time_is_not_noted(world: World) -> None:
     _in_callback(world, lambda: time.sleep(0))
     assert not world.notes

@@ -293,8 +293,8 @@ def _text_of_present(real: Callable[..., str]) -> Callable[..., str]:
 def _sleep_function(real: Callable[[float], None]) -> Callable[[float], None]:
     def sleep(seconds: float) -> None:
         run, guest = _process.inside(), guest_of(threading.current_thread())
-        if _is_of(_OF_PROCESSES, sys._getframe(1)):
-            real(seconds)
+        if seconds < 0 or _is_of(_OF_PROCESSES, sys._getframe(1)):
+            real(seconds)  # raises an error if negative
         elif guest is not None:
             guest.sleep(seconds)  # also while it ends after the run
         elif run is None:
