@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image
 from std_msgs.msg import Int64
@@ -23,6 +24,7 @@ from std_msgs.msg import Int64
 from obelisk_py.core.executor import EventLoopExecutor, local_receiver
 from obelisk_py.core.intra_process import IntraProcessPublisher
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
+from obelisk_py.core.local_sender import subscriptions_of
 from obelisk_spec.local_transport.dds_reader import DdsReader
 from obelisk_spec.runtime_protocol import LOCAL_TRANSPORT_OFF, LOCAL_TRANSPORT_VARIABLE
 from obk_cli.ros.raw_subscription import DropCounter, RawSubscription
@@ -401,6 +403,18 @@ def test_threads_that_share_a_publisher_lose_nothing_when_a_subscription_is_kill
     for thread in range(threads):
         begin = first + thread * each
         assert is_gapless([number for number in got if begin <= number < begin + each])
+
+
+def test_the_qos_of_subscriptions_is_read_from_the_graph() -> None:
+    with world() as made:
+        node = made.node()
+        for durability in (DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL):
+            for reliability in (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT):
+                qos = QoSProfile(depth=DEPTH, durability=durability, reliability=reliability)
+                node.create_subscription(Int64, "/numbers", print, qos)
+        found = subscriptions_of(node.handle, "/numbers")
+    listed = [(end.is_volatile, end.is_reliable) for end in sorted(found, key=lambda end: end.gid)]
+    assert listed == [(True, True), (True, False), (False, True), (False, False)]
 
 
 @pytest.mark.parametrize("during", ["socket_folder", "subscriptions_of", "DdsReader"])

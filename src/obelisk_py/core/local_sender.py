@@ -251,7 +251,6 @@ class Peer:
                 return True
             except OSError:
                 self.is_lost = True
-            self._waiting.clear()
             return False
 
     def skip(self, number: int) -> None:

@@ -8,7 +8,8 @@ import subprocess
 import sys
 from collections import deque
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import MagicMock
 
@@ -21,7 +22,13 @@ from obelisk_py.core import local_sender as sender_module
 from obelisk_py.core.executor.local_receiver import LocalReceiver
 from obelisk_py.core.executor.worker import Worker
 from obelisk_py.core.intra_process import IntraProcessPublisher, MessageBuffer, disconnect_all
-from obelisk_py.core.local_sender import LocalSender, Peer, SubscriptionEndpoint, socket_folder
+from obelisk_py.core.local_sender import (
+    Flusher,
+    LocalSender,
+    Peer,
+    SubscriptionEndpoint,
+    socket_folder,
+)
 from obelisk_py.core.serialization.codec import codec_for
 from obelisk_spec.local_transport import inbox
 from obelisk_spec.local_transport import sockets as sockets_module
@@ -36,6 +43,7 @@ from obelisk_spec.local_transport.sockets import (
     number_of,
     packed_number,
     packed_stamp,
+    peer_process,
     stamp_of,
 )
 from obelisk_spec.runtime_protocol import LOCAL_TRANSPORT_OFF, LOCAL_TRANSPORT_VARIABLE
@@ -99,8 +107,35 @@ def test_a_packet_ends_with_its_stamp() -> None:
 
 def test_a_folder_that_others_can_enter_is_rejected(path: Path) -> None:
     path.chmod(0o701)
+    before = open_descriptors()
     with pytest.raises(PermissionError, match="0700"):
         SocketFolder(str(path))
+    assert open_descriptors() == before
+
+
+def test_a_folder_of_another_user_is_rejected(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "getuid", lambda: path.stat().st_uid + 1)
+    with pytest.raises(PermissionError):
+        SocketFolder(str(path))
+
+
+def test_no_socket_is_opened_after_the_run(path: Path, folder: SocketFolder) -> None:
+    path.rmdir()
+    before = open_descriptors()
+    with pytest.raises(FileNotFoundError):
+        folder.listen(gid(1), DEPTH)
+    assert open_descriptors() == before
+
+
+def test_the_other_process_is_known_only_if_it_belongs_to_this_user(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with near, far:
+        assert peer_process(near) == os.getpid()
+        other = os.getuid() + 1
+        monkeypatch.setattr(os, "getuid", lambda: other)
+        assert peer_process(near) is None
 
 
 def test_the_folder_is_missing_without_the_variable_or_after_the_run(
@@ -254,6 +289,15 @@ def test_a_listener_outside_needs_dds_until_it_leaves(
         assert sender.covers(1, 0)
 
 
+def test_a_subscription_of_this_process_without_a_buffer_needs_dds(
+    graph: Graph, sender: LocalSender
+) -> None:
+    graph.add(1)
+    graph.endpoints = [replace(graph.endpoints[0], gid=PUBLISHER[:12] + bytes(4))]
+    assert sender.covers(1, 1)
+    assert not sender.covers(1, 0)
+
+
 def test_subscriptions_that_dds_does_not_match_are_not_reached(
     folder: SocketFolder, graph: Graph
 ) -> None:
@@ -337,6 +381,10 @@ def test_a_subscription_whose_process_was_killed_needs_no_dds(
     assert sender.covers(1, 0)
     assert sender.peers == ()
     graph.remove(1)
+    graph.add(3)  # DDS has replaced it
+    sender._next_check_s = 0.0
+    assert not sender.covers(1, 0)
+    graph.remove(3)
     assert not sender.covers(0, 0)
     graph.add(2)
     assert not sender.covers(1, 0)  # another one, although the count is the same
@@ -348,7 +396,7 @@ def test_without_free_descriptors_dds_delivers(
 ) -> None:
     graph.add(1)
     with folder.listen(gid(1), DEPTH) as listener:
-        lowest = lowest_free(listener)
+        before, lowest = open_descriptors(), lowest_free(listener)
         limits = resource.getrlimit(resource.RLIMIT_NOFILE)
         resource.setrlimit(resource.RLIMIT_NOFILE, (lowest + free, limits[1]))
         try:
@@ -356,12 +404,16 @@ def test_without_free_descriptors_dds_delivers(
         finally:
             resource.setrlimit(resource.RLIMIT_NOFILE, limits)
         assert sender.peers == ()
-        assert lowest_free(listener) == lowest  # nothing was left open
+        assert open_descriptors() == before
+
+
+def open_descriptors() -> int:
+    gc.collect()  # sockets of earlier tests
+    return len(list(Path("/proc/self/fd").iterdir()))
 
 
 def lowest_free(opened: socket.socket) -> int:
     """The number of the next descriptor."""
-    gc.collect()  # sockets of earlier tests
     with opened.dup() as copy:
         return copy.fileno()
 
@@ -383,11 +435,104 @@ def test_a_subscription_that_does_not_read_gets_the_latest_messages_later() -> N
         peer.close()
 
 
-def test_closed_connections_to_subscriptions_that_do_not_read_keep_no_descriptors() -> None:
-    def open_descriptors() -> int:
-        gc.collect()  # sockets of earlier tests
-        return len(list(Path("/proc/self/fd").iterdir()))
+def full(depth: int) -> tuple[Peer, socket.socket, int]:
+    """A connection in which the last of the packets sent waits; its other end, and their number."""
+    near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    near.setblocking(False)
+    peer, sent = Peer(near, gid(1), depth, bytes(GREETING)), 0
+    far.settimeout(10)
+    assert greeting_of(far.recv(100)) == GREETING
+    while not peer._waiting:
+        sent += 1
+        assert peer.send(packet(sent, 0))
+    return peer, far, sent
 
+
+def test_a_single_waiting_packet_is_sent_when_the_subscription_reads() -> None:
+    peer, far, sent = full(DEPTH)
+    with far:
+        received = [far.recv(100) for _ in range(sent)]
+    assert received == [packet(value, 0) for value in range(1, sent + 1)]
+    peer.close()
+
+
+def test_packets_do_not_overtake_waiting_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sender_module, "flusher_of", MagicMock())  # flushed below
+    peer, far, sent = full(DEPTH)
+    with far:
+        received = [far.recv(100) for _ in range(sent - 1)]
+        assert peer.send(packet(sent + 1, 0))
+        assert not peer.flush()
+        received += [far.recv(100) for _ in range(2)]
+    assert received == [packet(value, 0) for value in range(1, sent + 2)]
+    peer.close()
+
+
+def test_a_connection_lost_while_packets_wait_takes_no_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sender_module, "flusher_of", MagicMock())  # flushed below
+    peer, far, sent = full(DEPTH)
+    far.close()
+    assert not peer.flush()
+    assert not peer.send(packet(sent + 1, 0))
+    peer.close()
+
+
+def test_closing_a_connection_sends_what_waits_and_takes_no_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sender_module, "flusher_of", MagicMock())
+    peer, far, sent = full(DEPTH)
+    with far:
+        for _ in range(sent - 1):
+            far.recv(100)
+        peer.close()
+        assert far.recv(100) == packet(sent, 0)
+        assert far.recv(100) == b""
+    peer, far, sent = full(DEPTH)
+    with far:
+        peer.close()
+        assert not peer.send(packet(sent + 1, 0))
+
+
+class Waiting:
+    """A connection that waits for its socket."""
+
+    def __init__(self, near: socket.socket) -> None:
+        self._near = near
+        self.is_flushed = False
+
+    def fileno(self) -> int:
+        return self._near.fileno()
+
+    def flush(self) -> bool:
+        self.is_flushed = True
+        return False
+
+
+def test_a_connection_that_is_no_longer_used_does_not_stop_the_others() -> None:
+    flusher, pairs = Flusher(), [socket.socketpair() for _ in range(2)]
+    for near, far in pairs:
+        near.setblocking(False)
+        far.setblocking(False)
+        with suppress(BlockingIOError):
+            while True:
+                near.send(bytes(4096))
+    flusher.watch(Waiting(pairs[0][0]))
+    used = Waiting(pairs[1][0])
+    flusher.watch(used)
+    for _, far in pairs:
+        with suppress(BlockingIOError):
+            while True:
+                far.recv(4096)
+    eventually(lambda: used.is_flushed, "the other connection")
+    for near, far in pairs:
+        near.close()
+        far.close()
+
+
+def test_closed_connections_to_subscriptions_that_do_not_read_keep_no_descriptors() -> None:
     sender_module.flusher_of(os.getpid())
     before, others = open_descriptors(), []
     for _ in range(5):
@@ -426,8 +571,8 @@ class Subscription:
         self.dds = Reader()
         self.buffer = MessageBuffer(Int64, qos, CODEC)
         self.worker = Worker()
-        reader: MagicMock = MagicMock(take=self.dds.take)
-        self.receiver = LocalReceiver(folder, gid(1), self.buffer, reader)
+        self.dds_reader = MagicMock(take=self.dds.take)
+        self.receiver = LocalReceiver(folder, gid(1), self.buffer, self.dds_reader)
         self.worker.add(self.receiver, shared=False)
         self.depth = qos.depth
         self._folder = folder
@@ -521,23 +666,24 @@ def test_packets_precede_later_dds_messages(subscription: Subscription) -> None:
 def test_a_message_of_dds_waits_for_packets_that_the_socket_did_not_take(
     folder: SocketFolder,
 ) -> None:
-    subscription = Subscription(folder, QoSProfile(depth=1000))
-    connection = folder.connect(gid(1), 1000)
+    """They fill the socket several times."""
+    subscription = Subscription(folder, QoSProfile(depth=2000))
+    connection = folder.connect(gid(1), 2000)
     assert connection is not None
-    peer = Peer(connection, gid(1), 1000, bytes(Greeting(publisher=PUBLISHER, packets=0)))
-    for value in range(1, 501):
+    peer = Peer(connection, gid(1), 2000, bytes(Greeting(publisher=PUBLISHER, packets=0)))
+    for value in range(1, 2001):
         assert peer.send(stamped(PACK(Int64(data=value)), 0, value))
-    peer.precede(500)
-    subscription.dds.hold(501, 1)
+    peer.precede(2000)
+    subscription.dds.hold(2001, 1)
     got: list[int] = []
 
     def all_have_arrived() -> bool:
         subscription.worker.run_ready(0.01)
         got.extend(subscription.taken())
-        return len(got) >= 501
+        return len(got) >= 2001
 
     eventually(all_have_arrived, "all messages")
-    assert got == list(range(1, 502))
+    assert got == list(range(1, 2002))
     peer.close()
     subscription.close()
 
@@ -663,6 +809,36 @@ def test_the_waits_of_two_publishers_are_independent(folder: SocketFolder) -> No
 
         eventually(has_arrived, "the packet of the first publisher")
     subscription.close()
+
+
+def test_a_later_wait_ends_after_an_earlier_one(folder: SocketFolder) -> None:
+    subscription = Subscription(folder, best_effort())
+    got: list[int] = []
+
+    def have_arrived() -> bool:
+        subscription.worker.run_ready(0.01)
+        got.extend(subscription.taken())
+        return len(got) == 2
+
+    with subscription.connect() as first, subscription.connect(bytes(16)) as second:
+        first.send(packet(1, 5))
+        subscription.read()
+        subscription.receiver._inbox._wait_s *= 4
+        second.send(packet(2, 5))
+        subscription.read()
+        eventually(have_arrived, "both packets")
+    assert got == [1, 2]
+    subscription.close()
+
+
+def test_a_closed_receiver_keeps_no_descriptors_and_no_subscription(folder: SocketFolder) -> None:
+    before = open_descriptors()
+    subscription = Subscription(folder, best_effort())
+    subscription.connect().close()
+    subscription.close()
+    subscription.dds_reader.close.assert_called_once_with()
+    del subscription
+    assert open_descriptors() == before
 
 
 def test_late_packets_do_not_follow_newer_messages(folder: SocketFolder) -> None:

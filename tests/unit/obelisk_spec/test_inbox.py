@@ -1,6 +1,8 @@
 """The inbox of a subscription: what waits for what, for how long, and what is dropped."""
 
+import fcntl
 import gc
+import mmap
 import os
 import resource
 import time
@@ -14,6 +16,7 @@ from obelisk_spec.local_transport import inbox as inbox_module
 from obelisk_spec.local_transport.inbox import PublisherInbox
 from obelisk_spec.local_transport.sockets import (
     CONFIRMATION,
+    LARGEST_MESSAGE,
     STAMP_BYTES,
     Greeting,
     SocketFolder,
@@ -99,11 +102,15 @@ class Subscription:
 
 
 @pytest.fixture
-def make(tmp_path: Path) -> Iterator[Callable[..., Subscription]]:
+def folder(tmp_path: Path) -> SocketFolder:
+    tmp_path.chmod(0o700)
+    return SocketFolder(str(tmp_path))
+
+
+@pytest.fixture
+def make(folder: SocketFolder) -> Iterator[Callable[..., Subscription]]:
     """Make subscriptions, one at a time."""
     made: list[Subscription] = []
-    tmp_path.chmod(0o700)
-    folder = SocketFolder(str(tmp_path))
 
     def make(*, is_reliable: bool = True) -> Subscription:
         made.append(Subscription(folder, is_reliable=is_reliable))
@@ -127,6 +134,53 @@ def test_a_publisher_of_another_user_is_disconnected(
     assert subscription.inbox.connections == []
     with pytest.raises(ConnectionResetError):
         publisher.socket.recv(100)
+
+
+def sealed(size: int) -> int:
+    descriptor = os.memfd_create("page", os.MFD_ALLOW_SEALING)
+    os.ftruncate(descriptor, size)
+    fcntl.fcntl(descriptor, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK)
+    return descriptor
+
+
+def unsealed() -> int:
+    """A page whose second number claims that a packet is missing."""
+    descriptor = os.memfd_create("page")
+    os.write(descriptor, packed_number(0) + packed_number(9) + bytes(mmap.PAGESIZE - 16))
+    return descriptor
+
+
+@pytest.mark.parametrize(
+    "opened",
+    [
+        lambda: os.open(os.devnull, os.O_RDWR),
+        lambda: sealed(mmap.PAGESIZE - 1),
+        unsealed,
+    ],
+    ids=["no memory", "too small", "can be removed"],
+)
+def test_a_page_whose_memory_is_not_guaranteed_is_not_read(
+    subscription: Subscription, folder: SocketFolder, opened: Callable[[], int]
+) -> None:
+    """Otherwise, another program could end this one with SIGBUS."""
+    descriptor = opened()
+    connection = folder.connect(GID, DEPTH)
+    assert connection is not None
+    with connection:
+        greeting = bytes(Greeting(publisher=PUBLISHER, packets=0))
+        send_fds(connection, [greeting], [descriptor])
+        os.close(descriptor)
+        connection.send(b"a" + packed_stamp(0, 1, 0))
+        subscription.read()
+        subscription.take_from_dds("b", 1)
+        assert subscription.got == ["a", "b"]
+
+
+def test_the_largest_message_is_received_whole(subscription: Subscription) -> None:
+    text = "a" * LARGEST_MESSAGE
+    subscription.connect().send(text, packets=1, after=0)
+    subscription.read()
+    assert subscription.got == [text]
 
 
 def test_only_the_first_message_from_dds_is_confirmed(subscription: Subscription) -> None:

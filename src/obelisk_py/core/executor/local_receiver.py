@@ -4,7 +4,6 @@ import os
 import threading
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from functools import partial
 from math import inf
 from typing import Any, Final
@@ -140,8 +139,6 @@ class LocalReceiver:
         return self.deliver()
 
     def _release(self) -> bool:
-        with suppress(BlockingIOError):
-            os.read(self._timer_fd, 8)
         with self._lock:
             while self._take_sample():
                 pass
