@@ -1,9 +1,11 @@
 """A worker runs callbacks in turn, returns when interrupted, and blocks exclusive groups."""
 
+import gc
 import os
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -17,6 +19,8 @@ from rclpy.task import Future, Task
 from obelisk_py.core.executor.rcl_listeners import open_eventfd
 from obelisk_py.core.executor.worker import ReadyCallback, TaskQueue, Worker
 
+from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
+
 
 class Source:
     """A file descriptor and its callback."""
@@ -27,10 +31,12 @@ class Source:
         group: CallbackGroup | None = None,
         *,
         waits_for_group: bool = True,
+        is_awaited: bool = False,
     ) -> None:
         self.fd = open_eventfd()
         self.group = group
         self.waits_for_group = waits_for_group
+        self.is_awaited = is_awaited
         self._action = action
 
     def ready_callbacks(self, worker: Worker) -> Mapping[int, ReadyCallback]:
@@ -141,6 +147,89 @@ def test_a_source_removed_by_a_callback_is_not_handled_although_signaled(world: 
     assert "second" not in world.log
 
 
+def test_removing_a_source_keeps_the_others(world: World) -> None:
+    first, second = world.source("first"), world.source("second")
+    world.worker.remove(first)
+    first.signal()
+    second.signal()
+    world.rounds(1)
+    assert world.log == ["second"]
+
+
+def test_after_a_stop_only_what_a_callback_may_wait_for_is_handled(world: World) -> None:
+    sources = [world.source("event"), world.source("response", is_awaited=True)]
+    world.worker.ignore_unawaited()
+    for source in sources:
+        source.signal()
+    world.rounds(1)
+    assert world.log == ["response"]
+
+
+def in_time(wait: Callable[[float], bool]) -> bool:
+    """Whether a wait without a limit ends."""
+    thread = threading.Thread(target=wait, args=(-1,), daemon=True)
+    thread.start()
+    thread.join(DEADLINE_S)
+    return not thread.is_alive()
+
+
+@pytest.mark.parametrize("method", [Worker.run_ready, Worker.run_one])
+def test_it_does_not_wait_if_there_is_something_to_do(
+    world: World, method: Callable[[Worker, float], bool]
+) -> None:
+    wait = partial(method, world.worker)
+    source = world.source("a")
+    world.worker.requeue(source.fd)
+    assert in_time(wait)
+    assert world.log == ["a"]
+    world.worker.is_interrupted = True
+    source.signal()
+    assert in_time(wait)
+
+
+def test_an_interrupt_ends_a_wait(world: World) -> None:
+    world.worker.interrupt()
+    world.worker.is_interrupted = False
+    assert in_time(world.worker.run_ready)
+
+
+@pytest.mark.parametrize("method", [Worker.run_ready, Worker.run_one])
+def test_it_waits_for_a_signal_and_reports_that_a_callback_ran(
+    world: World, method: Callable[[Worker, float], bool]
+) -> None:
+    source = world.source("a")
+    later = threading.Timer(0.05, source.signal)
+    later.start()
+    assert method(world.worker, DEADLINE_S)
+    later.join()
+    assert not world.worker.run_ready(0)
+
+
+def test_run_one_handles_each_level_triggered_descriptor_once(world: World) -> None:
+    source = world.source("unused")
+    others = [open_eventfd() for _ in range(2)]
+
+    def read(fd: int) -> bool:
+        world.log.append(str(fd))
+        return os.eventfd_read(fd) > 0
+
+    for fd in others:
+        world.worker.watch(source, fd, partial(read, fd))
+        os.eventfd_write(fd, 1)
+    for _ in range(4):
+        world.worker.run_one(0)
+    assert sorted(world.log) == sorted(map(str, others))
+    world.worker.remove(source)
+    for fd in others:
+        os.close(fd)
+
+
+def test_run_one_asks_callbacks_to_return_after_one_message(world: World) -> None:
+    world.source(lambda worker: world.log.append(str(worker.is_interrupted))).signal()
+    world.worker.run_one(0)
+    assert world.log == ["True"]
+
+
 def test_one_that_always_has_more_does_not_keep_others_from_their_turn(world: World) -> None:
     def flood(worker: Worker) -> None:
         world.log.append("flood")
@@ -176,7 +265,10 @@ def test_run_one_reports_that_nothing_was_ready(world: World) -> None:
     assert not world.worker.run_one(0)
 
 
-def test_a_source_that_raises_is_handled_again_for_the_rest(world: World) -> None:
+@pytest.mark.parametrize("method", [Worker.run_ready, Worker.run_one])
+def test_a_source_that_raises_is_handled_again_for_the_rest(
+    world: World, method: Callable[[Worker, float], bool]
+) -> None:
     def fail(_worker: Worker) -> None:
         world.log.append("fail")
         if len(world.log) == 1:
@@ -185,8 +277,8 @@ def test_a_source_that_raises_is_handled_again_for_the_rest(world: World) -> Non
     source = world.source(fail)
     source.signal()
     with pytest.raises(ValueError, match="boom"):
-        world.rounds(1)
-    world.rounds(1)
+        method(world.worker, 0)
+    world.rounds(2)
     assert world.log == ["fail", "fail"]
 
 
@@ -206,14 +298,55 @@ def coroutine_of(world: World, future: Future, group: CallbackGroup) -> Source:
     return world.source(lambda worker: worker.run_task(Task(wait), group), group=group)
 
 
-def test_a_suspended_coroutine_continues_when_its_future_is_done(world: World) -> None:
+@pytest.mark.parametrize("method", [Worker.run_ready, Worker.run_one])
+def test_a_suspended_coroutine_continues_when_its_future_is_done(
+    world: World, method: Callable[[Worker, float], bool]
+) -> None:
     future = Future()
     coroutine_of(world, future, ReentrantCallbackGroup()).signal()
     world.rounds(5)
     assert world.log == ["begun"]
     future.set_result(None)
-    world.rounds(1)
+    method(world.worker, 0)
     assert world.log == ["begun", "over"]
+
+
+@pytest.mark.parametrize("timeout_s", [-1, 10 * DEADLINE_S], ids=["no limit", "limit"])
+def test_a_suspended_coroutine_continues_when_another_thread_completes_its_future(
+    world: World, timeout_s: float
+) -> None:
+    """Without a wake-up."""
+    future = Future()
+    coroutine_of(world, future, ReentrantCallbackGroup()).signal()
+    world.rounds(1)
+
+    def run(_timeout_s: float) -> bool:
+        later = threading.Timer(0.05, future.set_result, (None,))
+        later.start()
+        while "over" not in world.log:
+            world.worker.run_ready(timeout_s)
+        later.join()
+        return True
+
+    assert in_time(run)
+
+
+def test_a_coroutine_that_does_not_suspend_leaves_its_group_free(world: World) -> None:
+    group = MutuallyExclusiveCallbackGroup()
+
+    async def fail() -> None:
+        raise ValueError("boom")
+
+    async def end() -> None:
+        world.log.append("end")
+
+    for coroutine in (end, fail):
+        source = world.source(lambda worker, c=coroutine: worker.run_task(Task(c), group))
+        source.signal()
+    with pytest.raises(ValueError, match="boom"):
+        world.rounds(2)
+    assert world.log == ["end"]
+    assert not world.worker.is_blocked(group)
 
 
 def test_an_exclusive_group_waits_for_its_suspended_coroutine(world: World) -> None:
@@ -227,8 +360,10 @@ def test_an_exclusive_group_waits_for_its_suspended_coroutine(world: World) -> N
     world.worker.post(lambda _worker: bool(world.log.append("same job")), group)
     world.rounds(5)
     assert world.log == ["begun", "other"]
+    assert world.worker.is_blocked(group)
     future.set_result(None)
     world.rounds(3)
+    assert not world.worker.is_blocked(group)
     assert sorted(world.log[2:]) == ["over", "same", "same job"]
     assert world.log[2] == "over"
 
@@ -305,10 +440,18 @@ def test_a_cancelled_coroutine_frees_its_group(world: World) -> None:
     assert world.log == ["same"]
 
 
-def test_a_closed_worker_can_still_be_called() -> None:
-    worker = Worker()
+def test_what_was_closed_keeps_no_descriptors_and_can_still_be_called() -> None:
+    def open_descriptors() -> int:
+        gc.collect()  # those of earlier tests
+        return len(list(Path("/proc/self/fd").iterdir()))
+
+    before = open_descriptors()
+    worker, jobs = Worker(), TaskQueue()
     worker.close()
+    jobs.close()
+    assert open_descriptors() == before
     worker.interrupt()
+    jobs.put(lambda _worker: True)
 
 
 def test_jobs_without_a_worker_run_one_per_turn_in_order(world: World) -> None:
@@ -322,7 +465,6 @@ def test_jobs_without_a_worker_run_one_per_turn_in_order(world: World) -> None:
     assert world.log == ["a", "b", "c"]
     world.worker.remove(jobs)
     jobs.close()
-    jobs.put(lambda _worker: True)
 
 
 def test_a_second_worker_takes_the_next_job_while_the_first_is_busy(world: World) -> None:
