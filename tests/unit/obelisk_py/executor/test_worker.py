@@ -183,7 +183,6 @@ def test_it_does_not_wait_if_there_is_something_to_do(
     assert in_time(wait)
     assert world.log == ["a"]
     world.worker.is_interrupted = True
-    source.signal()
     assert in_time(wait)
 
 
