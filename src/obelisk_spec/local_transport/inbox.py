@@ -273,7 +273,10 @@ class PublisherInbox:
             self._remember(publisher, connection.taken, connection.packets)
 
     def stop(self) -> None:
-        """Stop publishers from sending, and deliver everything already sent."""
+        """Stop publishers from sending, and read everything already sent.
+
+        What waits for DDS still waits: `merge` what DDS has by now, then `release` the rest.
+        """
         self._folder.remove(self._gid, self._depth)
         # From now on, connecting and sending fail, and DDS delivers instead.
         with suppress(OSError):
@@ -283,7 +286,6 @@ class PublisherInbox:
             with suppress(OSError):
                 connection.socket.shutdown(SHUT_RDWR)
             self.read(connection)
-            self._release_all(connection)
 
     def close(self) -> None:
         """Close all sockets."""

@@ -937,6 +937,24 @@ def test_messages_sent_before_a_stop_are_kept_and_later_ones_cannot_be_sent(
     publisher.close()
 
 
+def test_messages_sent_during_a_stop_keep_their_order(
+    subscription: Subscription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with subscription.connect() as publisher:
+        subscription.read()
+        remove = SocketFolder.remove
+
+        def publish_first(folder: SocketFolder, gid: bytes, depth: int) -> None:
+            subscription.dds.hold(1, 1)
+            publisher.send(packet(2, 1))
+            remove(folder, gid, depth)
+
+        monkeypatch.setattr(SocketFolder, "remove", publish_first)
+        subscription.receiver.stop()
+        monkeypatch.undo()
+        assert subscription.taken() == [1, 2]
+
+
 def test_a_publisher_that_leaves_is_forgotten_and_its_messages_stay(
     subscription: Subscription,
 ) -> None:

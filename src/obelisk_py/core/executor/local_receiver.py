@@ -91,9 +91,10 @@ class LocalReceiver:
         """Stop publishers from sending, and put everything already sent into the buffer."""
         with self._lock:
             self._is_open = False
-            while self._take_sample():
-                pass
             self._inbox.stop()
+            while self._take_sample():  # also what precedes the latest packets
+                pass
+            self._inbox.release()
 
     def close(self) -> None:
         """Close all descriptors; call this when no worker watches them any more."""
