@@ -667,10 +667,10 @@ def test_a_message_of_dds_waits_for_packets_that_the_socket_did_not_take(
     folder: SocketFolder,
 ) -> None:
     """They fill the socket several times."""
-    subscription = Subscription(folder, QoSProfile(depth=2000))
-    connection = folder.connect(gid(1), 2000)
+    subscription = Subscription(folder, QoSProfile(depth=3000))
+    connection = folder.connect(gid(1), 3000)
     assert connection is not None
-    peer = Peer(connection, gid(1), 2000, bytes(Greeting(publisher=PUBLISHER, packets=0)))
+    peer = Peer(connection, gid(1), 3000, bytes(Greeting(publisher=PUBLISHER, packets=0)))
     for value in range(1, 2001):
         assert peer.send(stamped(PACK(Int64(data=value)), 0, value))
     peer.precede(2000)
