@@ -26,6 +26,9 @@ END_S = 2.0
 """Limit for each step of the final cleanup [s]."""
 KEPT_LINES = 60
 """Number of output lines kept per process, to show the last ones."""
+LONGEST_REASON = 300
+"""The last line of a process is cut after this number of characters when it is the reason of an
+exit."""
 LONGEST_LINE = 1 << 16
 """Output without line ends is cut into pieces of this size [characters]."""
 STACK_SIGNAL = signal.SIGUSR1
@@ -217,7 +220,8 @@ class WardenProcesses:
             pump.join(LAST_WORDS_S)
         # A copy, because children of the process may still write.
         lines = [line for line in self.last_lines(node) if line.strip()]
-        return lines[-1].strip() if lines else ""
+        last = lines[-1].strip() if lines else ""
+        return last if len(last) <= LONGEST_REASON else f"{last[:LONGEST_REASON]}..."
 
     def _pump(self, node: str, read_fd: int, lines: deque[str]) -> None:
         with open(read_fd, encoding="utf-8", errors="replace") as output:

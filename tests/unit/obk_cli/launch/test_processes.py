@@ -102,6 +102,14 @@ def test_the_last_line_that_is_not_blank_is_the_reason_of_an_exit(bench: MakeBen
     assert run.ended() == ProcessEnded(process="/a", code=1, text="ValueError: no gain")
 
 
+def test_the_reason_of_an_exit_is_short(bench: MakeBench) -> None:
+    run = bench({"a": "import sys; sys.stderr.write('x' * 100_000); sys.exit(1)"})
+    run.start("a")
+    ended = run.ended()
+    assert isinstance(ended, ProcessEnded)
+    assert 100 < len(ended.text) < 1000
+
+
 def test_the_output_of_a_process_that_has_ended_is_complete(
     bench: MakeBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
