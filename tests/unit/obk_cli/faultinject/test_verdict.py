@@ -72,6 +72,13 @@ def test_a_stack_that_stops_and_names_the_node_is_correct() -> None:
     assert verdict.settled_s == pytest.approx(0.6)
 
 
+def test_a_failure_of_a_shared_process_need_not_have_a_location() -> None:
+    died = (0.01, ProcessEnded(process="/s/composed", code=-9))
+    end = ended("/s/composed: the process was terminated by SIGKILL", origin="")
+    seen = observation(died, end, exit_code=1, ended_after_s=0.6)
+    assert verdict_of(case("kill", "stop", ROBOT, CONTROLLER), seen).is_right
+
+
 @pytest.mark.parametrize(
     ("seen", "fault"),
     [
