@@ -57,6 +57,7 @@ def test_components_of_the_config_run_on_simulated_time(start: Start) -> None:
 
 
 def test_a_trial_that_cannot_begin_leaves_no_thread(start: Start) -> None:
+    start()  # the loaded stack keeps threads for further trials
     before = set(threading.enumerate())
     with pytest.raises(LookupError):
         start(parameters={"nobody": {}})
