@@ -39,6 +39,7 @@ __all__ = [
     "parse_value",
     "rate_name",
     "rate_values",
+    "rejection_text",
     "rejection_values",
 ]
 
@@ -208,6 +209,17 @@ def rejection_values(seconds: float, reason: str) -> tuple[tuple[str, str], ...]
         reason: why the latest one was rejected.
     """
     return ((_SECONDS, f"{seconds:.1f}"), (_REASON, reason))
+
+
+def rejection_text(node: str, seconds: float, reason: str) -> str:
+    """Describe the fault of a robot that accepts no command until the end of its run.
+
+    Args:
+        node: its full name.
+        seconds: how long all commands have been rejected [s].
+        reason: why the latest one was rejected.
+    """
+    return f"{node} rejected every command for the last {seconds:.1f} s of the run: {reason}"
 
 
 def parse_rejection(name: str, values: Mapping[str, str]) -> tuple[float, str] | None:

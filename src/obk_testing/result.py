@@ -118,7 +118,7 @@ class TrialResult:
             duration_s: simulated time [s].
             topics: topics by full name.
             states: states of the simulator; None if there is none.
-            faults: faults of nodes, as sentences.
+            faults: faults of nodes and robots that reject all commands, as sentences.
             notes: notes from the scheduler.
             log: log messages of the nodes.
             ways: why a topic of the config has no messages, by full name.
@@ -132,7 +132,7 @@ class TrialResult:
         }
         """The recorded topics by full name."""
         self.faults = tuple(faults)
-        """Faults of nodes, as in the log."""
+        """Faults of nodes, as in the log, and robots that have rejected all commands for 1 s."""
         self.notes = tuple(notes)
         """The scheduler's notes about anything that takes time or is not in lockstep."""
         self.log = tuple(log)

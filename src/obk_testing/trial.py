@@ -35,6 +35,7 @@ from obelisk_py.core.lockstep.topics import Topic
 from obelisk_py.core.messages import message_name
 from obelisk_py.core.parameter_rules import guard_setting_service
 from obelisk_py.core.robot import ObeliskRobot, ObeliskSimRobot
+from obelisk_spec.runtime_protocol import rejection_text
 from obelisk_spec.suggestions import did_you_mean
 from obk_testing.arguments import (
     LONGEST_S,
@@ -231,7 +232,7 @@ class StackTrial:
             duration_s=self.t,
             topics=lockstep.topics.by_name,
             states=self._states,
-            faults=tuple(self._faults),
+            faults=(*self._faults, *self._lasting_rejections()),
             notes=tuple(lockstep.scheduler.notes),
             log=tuple(lockstep.interception.log),
             ways=self._unpublished(),
@@ -672,6 +673,14 @@ class StackTrial:
             if node.last_fault is not None:
                 self._faults[f"{name}: {node.last_fault}"] = None
         self._faults |= dict.fromkeys(self._lockstep.faults)
+
+    def _lasting_rejections(self) -> Iterator[str]:
+        """Yield a fault for each robot that rejects all commands now, as at the end of a run."""
+        for name, node in self.nodes.items():
+            if isinstance(node, ObeliskRobot) and self._lockstep.nodes[name].is_alive:
+                lasting = node.lasting_rejection()
+                if lasting is not None:
+                    yield rejection_text(name, lasting.seconds, lasting.reason)
 
     def _unpublished(self) -> dict[str, str]:
         """Return why topics in the plan have no messages."""

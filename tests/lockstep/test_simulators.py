@@ -139,6 +139,22 @@ def test_commands_that_a_subclass_lets_be_rejected_do_not_count(
     assert not any("returned False" in text for text in reports)
 
 
+def test_rejecting_every_command_until_now_is_a_fault(start_config: Start) -> None:
+    trial = start_config(CARTPOLE, without=("control",))
+    topic = trial.stack.plan.nodes[-1].subscribes[0].topic
+
+    def publish(*controls: float) -> None:
+        trial.publish(topic, PositionSetpoint(u_mujoco=controls))
+
+    for tenth in range(20):
+        trial.at(0.1 * tenth, lambda: publish(0.0, 0.0))
+    assert not trial.run(0.95).faults
+    (fault,) = trial.run(1.0).faults
+    assert ROBOT in fault
+    publish(0.0)
+    assert not trial.run(0.1).faults
+
+
 def test_parameters_are_checked_as_in_requests_of_other_processes(start_config: Start) -> None:
     trial = start_config(ARM, parameters={"control": {"move_s": 3}})
     control = trial.nodes["/obelisk_control_0"]

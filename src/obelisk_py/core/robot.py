@@ -172,13 +172,13 @@ class ObeliskRobot(ABC, ObeliskNode):
         """Return the reason to reject a command before `apply_control`; None to accept it."""
         return non_finite_number(control_msg)
 
-    def _lasting_rejection(self) -> LastingRejection | None:
-        """The rejections since the last accepted command; None if there are none or few."""
+    def lasting_rejection(self) -> LastingRejection | None:
+        """The rejections since the last accepted command; None if they span less than 1 s."""
         return self._rejections.lasting()
 
     def _rejection_values(self) -> tuple[tuple[str, str], ...] | None:
         """The status for `/diagnostics` while all commands are rejected, and once after that."""
-        lasting, was_reported = self._lasting_rejection(), self._has_reported_rejection
+        lasting, was_reported = self.lasting_rejection(), self._has_reported_rejection
         self._has_reported_rejection = lasting is not None
         if lasting is not None:
             return rejection_values(lasting.seconds, lasting.reason)

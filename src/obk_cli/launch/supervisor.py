@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable
 from typing import Final
 
+from obelisk_spec.runtime_protocol import rejection_text
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED
 from obk_cli.launch.event_loop import EventLoop, Inbox, Lifecycle, Limits, Processes, RunContext
 from obk_cli.launch.events import (
@@ -159,8 +160,7 @@ class Supervisor:
 
     def _judge_rejections(self) -> None:
         for node, rejection in sorted(self._rejections.items()):
-            how = f"rejected every command for the last {rejection.seconds:.1f} s of the run"
-            self._run.fail(f"{node} {how}: {rejection.reason}", node)
+            self._run.fail(rejection_text(node, rejection.seconds, rejection.reason), node)
 
     def _ended(self) -> Ended:
         failures = self._run.failures

@@ -558,7 +558,8 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         inbox.has_rejected = False
         return super()._applies(control_msg) and not inbox.has_rejected
 
-    def _lasting_rejection(self) -> LastingRejection | None:
+    def lasting_rejection(self) -> LastingRejection | None:
+        """The rejections since the last accepted command; None if they span less than 1 s."""
         return None if self._inbox is None else self._inbox.lasting_rejection()
 
     def _make_stepper(
