@@ -21,6 +21,7 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from obelisk_py.core.exceptions import ObeliskError
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_py.core.lockstep.scheduler import (
     FAULT,
@@ -567,7 +568,13 @@ class StackTrial:
     def _make(self, loaded: LoadedNode) -> None:
         name = loaded.planned.full_name
         compute_s = self._compute_s.get(name, 0.0)
-        node = self.nodes[name] = self._lockstep.make_node(name, loaded.make, compute_s)
+        try:
+            node = self.nodes[name] = self._lockstep.make_node(name, loaded.make, compute_s)
+        except ObeliskError as error:
+            # The message names the mistake; a traceback of the library would hide it.
+            raise LockstepError(
+                f"{loaded.planned.origin}: {name} cannot be created: {error}"
+            ) from None
         if name in self.stack.unclear_robots and not isinstance(node, ObeliskSimRobot):
             raise LockstepError(
                 f"{loaded.planned.origin}: the robot {name} ({type(node).__name__}) is not a "

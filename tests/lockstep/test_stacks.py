@@ -463,6 +463,13 @@ def test_a_killed_node_has_no_parameters(start: Start) -> None:
     trial.set_parameter("control", "fault", "none")
 
 
+def test_a_node_that_rejects_its_config_is_an_error_at_its_place(start: Start) -> None:
+    with pytest.raises(LockstepError) as caught:
+        start("control.params.fault=creation")
+    assert str(caught.value).startswith(f"{CONFIG}:4:3: {CONTROL} ")
+    assert caught.value.__cause__ is None
+
+
 def test_a_parameter_that_a_node_rejects_is_an_error(start: Start) -> None:
     trial = start()
     trial.set_parameter("robot", "loop", "wait")

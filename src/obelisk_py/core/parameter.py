@@ -22,6 +22,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_spec.parameter_notes import ParameterNotes
+from obelisk_spec.suggestions import with_number
 
 __all__ = ["Parameter", "parameters_of"]
 
@@ -156,7 +157,7 @@ class Parameter(Generic[T]):
         value = _plain(parameter.value)
         fault = self.notes.fault(value)
         if isinstance(self.default, tuple) and len(value) != len(self.default):
-            fault = f"has {len(value)} items, expected {len(self.default)}"
+            fault = f"has {with_number(len(value), 'item')}, expected {len(self.default)}"
         return None if fault is None else f"`{self.name}` {fault}"
 
     def value(self, parameter: RosParameter) -> Any:

@@ -9,6 +9,7 @@ from obelisk_estimator_msgs.msg import EstimatedState
 from std_msgs.msg import Float64MultiArray
 
 from obelisk_py.core.control import ObeliskController
+from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.utils.ros import spin_obelisk
 
 UNSEEDED = np.random.default_rng()
@@ -26,6 +27,8 @@ class Controller(ObeliskController):
         self.views = self.create_publisher(Float64MultiArray, "/hazards/views", 10)
         self.estimate = 0.0
         made = self.get_parameter("fault").value
+        if made == "creation":
+            raise ObeliskConfigError("`fault` is creation, expected none")
         assert made == "none"
 
     def on_configure(self, state):
