@@ -280,7 +280,7 @@ class LoadedStack:
 
         Raises:
             CommandFailedError: a program is missing, is not a Python program for this interpreter,
-                or returns without calling `spin_obelisk`.
+                returns without calling `spin_obelisk`, or imports messages that are not compiled.
         """
         self.plan = compiled.plan
         self.config = compiled.config
@@ -331,6 +331,14 @@ class LoadedStack:
             if name not in modules or name.partition(".")[0] in packages
         )
         if self._error is not None:
+            missing = getattr(self._error, "name", None)
+            if isinstance(self._error, ModuleNotFoundError) and (
+                missing in compiled.packages.message_packages()
+            ):
+                raise CommandFailedError(
+                    f"{self._loading}: the message package `{missing}` is not compiled",
+                    help="run `obk build`",
+                )
             raise self._error
 
     def close(self) -> None:

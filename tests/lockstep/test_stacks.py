@@ -3,6 +3,7 @@
 import functools
 import math
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -475,6 +476,19 @@ def test_a_parameter_that_a_node_rejects_is_an_error(start: Start) -> None:
     trial.set_parameter("robot", "loop", "wait")
     with pytest.raises(LockstepError, match="rejects `loop`"):
         trial.set_parameter("robot", "loop", 3)
+
+
+@pytest.mark.usefixtures("_lockstep_process")
+def test_messages_of_the_workspace_that_are_not_compiled_are_an_error(tmp_path: Path) -> None:
+    workspace = shutil.copytree(CONFIG.parent, tmp_path / "workspace")
+    messages = workspace / "src" / "hazards_msgs"
+    (messages / "msg").mkdir(parents=True)
+    (messages / "msg" / "Hazard.msg").write_text("float64 x\n")
+    (messages / "package.xml").write_text("<package><name>hazards_msgs</name></package>")
+    with pytest.raises(CommandFailedError) as caught:
+        load_stack(workspace / CONFIG.name, ["control.executable=needs_messages"])
+    assert "hazards_msgs" in caught.value.message
+    assert "obk build" in str(caught.value.help)
 
 
 @pytest.mark.usefixtures("_lockstep_process")

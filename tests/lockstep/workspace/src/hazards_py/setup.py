@@ -18,6 +18,7 @@ setup(
             "controller = hazards_py.controller:main",
             "drive = hazards_py.robots:drive",
             "helper = hazards_py.programs:with_helper",
+            "needs_messages = hazards_py.programs:needs_messages",
             "no_spin = hazards_py.programs:without_spin",
             "simulator = hazards_py.robots:simulator",
             "waits = hazards_py.programs:waits",

@@ -17,6 +17,11 @@ def with_helper(args=None):
     spin_obelisk(args, Controller)
 
 
+def needs_messages(args=None):
+    """Import messages of a package that a test adds to the workspace."""
+    from hazards_msgs.msg import Hazard  # noqa: F401
+
+
 def without_spin(args=None):
     """Return without a node."""
 
