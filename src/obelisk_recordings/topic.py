@@ -21,7 +21,8 @@ CONTROLS: Final = "u_mujoco"
 NS_PER_S: Final = 1_000_000_000
 _NAMES: Final = ("joint_names", "name")
 """Fields with the joint names for the other arrays of a message."""
-_PLACE: Final = re.compile(r"(?P<path>.+)\[(?P<place>[0-9]{1,9})\]")
+_ELEMENT: Final = re.compile(r"(?P<path>.+)\[(?P<element>[^\[\]]+)\]")
+_PLACE: Final = re.compile(r"[0-9]{1,9}")
 MessageTable = tuple[MessageLayout, NDArray[np.intp], Bytes]
 """Messages of one layout: the layout, their indices in the topic, their bytes."""
 
@@ -176,7 +177,7 @@ class RecordedTopic:
             raise AttributeError(str(error)) from error
 
     def __getitem__(self, path: str) -> Any:
-        """Return a field by its path, such as `pose.position.x` or `q_joints[0]`.
+        """Return a field by its path, such as `pose.position.x`, `q_joints[0]` or `q_joints[knee]`.
 
         Returns:
             An array with one row per message, of shape `(n,)` or `(n, length)`; if the length
@@ -189,10 +190,22 @@ class RecordedTopic:
             return self._column(path)
         if any(one.startswith((f"{path}.", f"{path}[")) for one in self.fields):
             return RecordedField(self, path)
-        match = _PLACE.fullmatch(path)
-        if match and match["path"] in self.fields:
-            return self._place(match["path"], int(match["place"]))
-        raise self._unknown(path)
+        element = self._element(path)
+        if element is None:
+            raise self._unknown(path)
+        return self._place(*element)
+
+    def _element(self, path: str) -> tuple[str, int] | None:
+        """Return the array and the index in `q_joints[0]` or `q_joints[knee]`; None if unknown."""
+        match = _ELEMENT.fullmatch(path)
+        if match is None or match["path"] not in self.fields:
+            return None
+        if _PLACE.fullmatch(match["element"]):
+            return match["path"], int(match["element"])
+        names = self.names(match["path"])
+        if match["element"] not in names:
+            return None
+        return match["path"], names.index(match["element"])
 
     def _column(self, path: str) -> Array:
         found = [
@@ -225,9 +238,12 @@ class RecordedTopic:
 
     def _unknown(self, path: str) -> RecordingError:
         names = list(dict.fromkeys(re.split(r"[.\[]", one)[0] for one in self.fields))
+        array = path.rpartition("[")[0]
+        elements = self.names(array) if array in self.fields else ()
+        near = [*names, *self.fields, *(f"{array}[{name}]" for name in elements)]
         return RecordingError(
             f"{self.name} has no field `{path}`",
-            help=did_you_mean(path, [*names, *self.fields]) or f"it has {list_names(names)}",
+            help=did_you_mean(path, near) or f"it has {list_names(names)}",
         )
 
     def numbers(self, path: str, place: int | None) -> NDArray[np.float64]:
@@ -286,11 +302,10 @@ class RecordedTopic:
             RecordingError: the messages have no such field, or it contains only strings.
         """
         found = [one for one in self.fields if _is_part(one, path)]
-        match = _PLACE.fullmatch(path)
-        if not found and match and match["path"] in self.fields:
-            self._place(match["path"], int(match["place"]))
-            wanted = int(match["place"])
-            yield from (one for one in self.signals(match["path"]) if one.place == wanted)
+        element = None if found else self._element(path)
+        if element is not None:
+            self._place(*element)
+            yield from (one for one in self.signals(element[0]) if one.place == element[1])
             return
         if not found:
             raise self._unknown(path)

@@ -25,7 +25,6 @@ from obelisk_recordings.run import RecordedRun, topic_named
 from obelisk_recordings.topic import RecordedSignal
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import unwritable, write_bytes
-from obk_cli.ros.field_path import field_steps
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,6 +47,8 @@ __all__ = [
 
 
 Floats = NDArray[np.float64]
+_PATH: Final = re.compile(r"(?:\.[A-Za-z]\w*|\[(?:[0-9]{1,9}|[^\W\d][^\[\]]*)\])+")
+"""`.position[0]`, or `.position[knee]`."""
 MOST_LINES: Final = 32
 """Maximum number of lines of a field; more cannot be distinguished in a plot."""
 MOST_POINTS: Final = 100_000
@@ -60,7 +61,7 @@ class FieldName:
 
     topic: str
     path: str
-    """Path within the message: `position[0]`."""
+    """Path within the message: `position[0]`, `position[knee]`."""
     text: str
     """As typed by the user."""
 
@@ -103,7 +104,7 @@ def parse_field(text: str) -> FieldName:
         MisuseError: the text does not have this form.
     """
     topic, dot, path = text.partition(".")
-    if not topic or not field_steps(dot + path):
+    if not topic or not _PATH.fullmatch(dot + path):
         raise MisuseError(
             f"`{text}` does not name a field",
             help="expected TOPIC.FIELD, such as /arm/joints.position[0] or imu.gyro.x",

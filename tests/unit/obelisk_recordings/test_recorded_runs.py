@@ -100,6 +100,7 @@ def test_fields_are_arrays_with_times_names_and_units(tmp_path: Path) -> None:
     assert topic.received == pytest.approx([n * 1e-3 for n in range(5)])
     assert topic.stamps.tolist() == [n + 5e-9 for n in range(5)]
     assert topic.joint("knee", "q").tolist() == [-n for n in range(5)]
+    assert topic["q[knee]"].tolist() == topic["q[1]"].tolist() == [-n for n in range(5)]
     assert topic.ready.tolist() == [True, False, True, False, True]
     assert topic["header.frame_id"].tolist() == ["base"] * 5
     assert topic.force.y.tolist() == [2.0 * n for n in range(5)]
@@ -119,6 +120,7 @@ def test_fields_are_arrays_with_times_names_and_units(tmp_path: Path) -> None:
         "q[0]": "rad",
     }
     assert [one.label for one in topic.signals("q")] == ["q[hip]", "q[knee]"]
+    assert [one.place for one in topic.signals("q[knee]")] == [1]
     assert [one.label for one in topic.signals("data")] == ["data[0]", "data[1]"]
     (second,) = topic.signals("data[1]")
     assert np.isnan(second.values()).tolist() == [True, True, False, True, True]
@@ -257,6 +259,7 @@ def test_a_run_is_opened_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyP
         (lambda run: run["amr"], "available: `/robot/arm`"),
         (lambda run: run["arm"]["qq"], "did you mean `q`"),
         (lambda run: run["arm"]["q[2]"], "has only 2 items"),
+        (lambda run: run["arm"]["q[kne]"], r"did you mean `q\[knee\]`"),
         (lambda run: run["arm"]["last[0]"], "is not an array"),
         (lambda run: run["arm"].joint("kne", "q"), "did you mean `knee`"),
         (lambda run: list(run["arm"].signals("forc")), "did you mean `force`"),

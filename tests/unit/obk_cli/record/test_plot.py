@@ -81,7 +81,7 @@ def test_a_field_is_a_topic_and_the_way_into_its_message() -> None:
     )
 
 
-@pytest.mark.parametrize("text", ["imu", "imu.", ".x", "imu.x..y", "imu.x[a]", "imu.x y", ""])
+@pytest.mark.parametrize("text", ["imu", "imu.", ".x", "imu.x..y", "imu.x[]", "imu.x y", ""])
 def test_invalid_fields_are_reported(text: str) -> None:
     with pytest.raises(MisuseError, match="does not name a field"):
         parse_field(text)
@@ -178,6 +178,7 @@ def test_fields_have_a_part_each_or_one_for_all(tmp_path: Path) -> None:
 def test_one_item_has_the_joints_name_in_its_legend_like_the_whole_array(tmp_path: Path) -> None:
     message = reading(joint_names=["hip", "knee"])
     assert lines(tmp_path, "t.position[1]", message) == {"knee": [4.0]}
+    assert lines(tmp_path, "t.position[knee]", message) == {"": [4.0]}
     assert lines(tmp_path, "t.position", message) == {"hip": [3.0], "knee": [4.0]}
     (part,) = parts([open_run(tmp_path / "a.mcap")], "t.position[1]")
     draw([part], "one", tmp_path / "one.svg")
