@@ -195,7 +195,7 @@ def test_recorded_sensors_reproduce_the_recorded_estimates_exactly(tmp_path: Pat
         *("--into", EXAMPLE, "--nodes", "estimation", "--output", again, "--set", change),
     )
     assert done.returncode == 0, done.stderr
-    assert "first difference at" in done.stdout
+    assert "differs from the first message on" in done.stdout
     assert "/obelisk/dummy/est rate [Hz]" in done.stdout
     assert len(open_run(again)["est"]) == 500
     below_a_file = ("--into", EXAMPLE, "--nodes", "estimation", "--output", tests / "x.mcap")

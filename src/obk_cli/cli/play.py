@@ -31,7 +31,6 @@ from obk_cli.runs.folder import runs_folder
 if TYPE_CHECKING:
     from obelisk_recordings.run import RecordedRun
     from obk_cli.plan.plan import Plan, PlannedNode
-    from obk_cli.record.compare import FirstDifference
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -378,7 +377,7 @@ def _compare(run: "RecordedRun", output: Path, topics: Sequence[str]) -> None:
         for topic in topics:
             found = first_different_message(run, again, topic)
             are_same = are_same and found.at_s is None
-            print(f"{topic}: {_equality(found)}")
+            print(f"{topic}: {found}")
         if not are_same:
             print("\n".join(difference_lines(compare_runs(run, again, topics))))
 
@@ -399,13 +398,3 @@ def _as_recorded(run: "RecordedRun", output: Path, folder: Path) -> "RecordedRun
     copied = open_run(path)
     copied.origin_ns = run.origin_ns
     return copied
-
-
-def _equality(found: "FirstDifference") -> str:
-    if found.at_s is None:
-        return f"{with_number(found.count, 'message')}, bit-identical to the recording"
-    text = f"identical up to message {found.count}, first difference at {found.at_s:.4f} s"
-    if not found.late_s:
-        return text
-    word = "later" if found.late_s > 0.0 else "earlier"
-    return f"{text}: same message, published {abs(found.late_s):.6g} s {word}"

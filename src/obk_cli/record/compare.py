@@ -18,6 +18,7 @@ from obelisk_recordings.chunks import messages_in_order
 from obelisk_recordings.layout import PRIMITIVES
 from obelisk_recordings.run import RecordedRun
 from obelisk_recordings.topic import RecordedTopic
+from obelisk_spec.suggestions import with_number
 from obk_cli.runs.logs import LAUNCH_LOG
 
 __all__ = [
@@ -449,6 +450,20 @@ class FirstDifference:
     """When the first message that differs was published [s since activation]; None if none does."""
     late_s: float = 0.0
     """How much later an otherwise identical message is in the second run [s]."""
+
+    def __str__(self) -> str:
+        if self.at_s is None:
+            return f"{with_number(self.count, 'message')}, bit-identical to the recording"
+        # Time 0 is the activation of the whole stack; some of its nodes publish before.
+        at = f"{abs(self.at_s):.4f} s" + (" before activation" if self.at_s < 0.0 else "")
+        if self.count:
+            text = f"identical up to message {self.count}, first difference at {at}"
+        else:
+            text = f"differs from the first message on, at {at}"
+        if not self.late_s:
+            return text
+        word = "later" if self.late_s > 0.0 else "earlier"
+        return f"{text}: same message, published {abs(self.late_s):.6g} s {word}"
 
 
 def first_different_message(first: RecordedRun, second: RecordedRun, topic: str) -> FirstDifference:

@@ -182,6 +182,14 @@ def test_only_in_lockstep_must_messages_come_at_the_same_time(
     assert first_different_message(first, later, "/imu") == (late if is_lockstep else same)
 
 
+def test_a_difference_has_no_negative_time_and_counts_no_messages_without_equal_ones() -> None:
+    before = str(FirstDifference(count=0, at_s=-0.0358))
+    assert "0.0358 s before activation" in before
+    assert "-0.0358" not in before
+    assert "identical" not in before
+    assert "identical up to message 2" in str(FirstDifference(count=2, at_s=0.5))
+
+
 NODE, LOOK = "/obelisk_estimation_0", "/obk_look_1"
 
 
