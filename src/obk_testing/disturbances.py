@@ -1,5 +1,6 @@
 """Drop, delay and disturb the messages of a topic for some time, by the seed of a trial."""
 
+import functools
 import re
 from collections import Counter
 from collections.abc import Callable
@@ -9,6 +10,7 @@ import numpy as np
 
 from obelisk_py.core.lockstep.scheduler import NS_PER_S, Scheduler
 from obelisk_py.core.lockstep.topics import Topic
+from obk_testing.topic_log import nested_class
 
 __all__ = ["Disturbances"]
 
@@ -48,24 +50,20 @@ class Disturbances:
 
     def noise(self, topic: Topic, field: str, sigma: float, duration: float) -> None:
         """Add noise to a field; for arguments and errors see `StackTrial.noise`."""
-        fields = topic.message_class.get_fields_and_field_types()
-        if field not in fields:
-            raise LookupError(f"{topic.label} has no field `{field}`; it has {', '.join(fields)}")
-        if not _FLOATS.fullmatch(fields[field]):
-            raise LookupError(
-                f"{topic.label}: the field `{field}` is a {fields[field]}; noise needs a float or "
-                "double"
-            )
+        paths = _paths_of_floats(topic, field)
         numbers, during = self._numbers(f"noise {topic.label} {field}"), self._during(duration)
 
         def disturb(now_ns: int, message: Any) -> None:
-            if during(now_ns):
-                value = getattr(message, field)
+            if not during(now_ns):
+                return
+            for *outer, name in paths:
+                inner = functools.reduce(getattr, outer, message)
+                value = getattr(inner, name)
                 if isinstance(value, float):
-                    setattr(message, field, value + float(numbers.normal(0.0, sigma)))
+                    setattr(inner, name, value + float(numbers.normal(0.0, sigma)))
                 else:
                     noisy = np.asarray(value, float) + numbers.normal(0.0, sigma, len(value))
-                    setattr(message, field, noisy.tolist())
+                    setattr(inner, name, noisy.tolist())
 
         topic.filters.append(disturb)
 
@@ -78,3 +76,29 @@ class Disturbances:
         """Random numbers of the seed; those of another call are independent."""
         self._uses[use] += 1
         return np.random.default_rng([self._seed, self._uses[use], *use.encode()])
+
+
+def _paths_of_floats(topic: Topic, field: str) -> tuple[tuple[str, ...], ...]:
+    """Return the paths of the numbers in a field, as names from the outermost message inwards.
+
+    Raises:
+        LookupError: the field does not exist, or is no number and no message of numbers only.
+    """
+    names, kind = tuple(field.split(".")), ""
+    message_class: type[Any] | None = topic.message_class
+    for name in names:
+        fields = message_class.get_fields_and_field_types() if message_class else {}
+        if name not in fields:
+            where = f"; {kind or topic.label} has {', '.join(fields)}" if fields else ""
+            raise LookupError(f"{topic.label} has no field `{field}`{where}")
+        kind = fields[name]
+        message_class = nested_class(kind)
+    if _FLOATS.fullmatch(kind):
+        return (names,)
+    inner = message_class.get_fields_and_field_types() if message_class else {}
+    if inner and all(map(_FLOATS.fullmatch, inner.values())):
+        return tuple((*names, name) for name in inner)
+    raise LookupError(
+        f"{topic.label}: the field `{field}` is a {kind}; noise needs a float or double, or a "
+        "message that contains only these"
+    )

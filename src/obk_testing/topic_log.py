@@ -21,7 +21,7 @@ from obelisk_spec.suggestions import did_you_mean, with_number
 from obk_cli.record.recorder import installed_definition
 from obk_cli.ros.field_path import field_steps
 
-__all__ = ["Array", "TopicLog"]
+__all__ = ["Array", "TopicLog", "nested_class"]
 
 __tracebackhide__ = True
 """Makes pytest show the line in the test instead of lines in this module."""
@@ -189,7 +189,7 @@ class TopicLog:
                 subscribes to the topic, so it has no messages.
         """
         self._on_look((self.label, _path(steps)))
-        is_message = _message_class(self._kind_of(steps)) is not None
+        is_message = nested_class(self._kind_of(steps)) is not None
         self._require_published()
         values: list[Any] = list(self.messages)
         for number, step in enumerate(steps):
@@ -231,7 +231,7 @@ class TopicLog:
                     help = did_you_mean(step, known) or f"it has {', '.join(known) or 'none'}"
                     raise AttributeError(f"{where} has no field `{step}`: {help}")
                 kind = known[step]
-            message_class = _message_class(kind)
+            message_class = nested_class(kind)
         return kind
 
     def _require_published(self) -> None:
@@ -252,7 +252,7 @@ class TopicLog:
             # In a message such as Imu, the vector has the unit, and its `x` has none of its own.
             unit = _unit_of(message_name(message_class), name) or unit
             items = _ARRAY.fullmatch(kind)
-            inner = _message_class(kind if items is None else items["sequence"] or items["array"])
+            inner = nested_class(kind if items is None else items["sequence"] or items["array"])
             message_class = inner or message_class
         return unit
 
@@ -292,8 +292,12 @@ class TopicLog:
         return column
 
 
-def _message_class(kind: str) -> type[Any] | None:
-    """Return the class of a field that is itself a message; None for any other type."""
+def nested_class(kind: str) -> type[Any] | None:
+    """Return the class of a field that is itself a message; None for any other type.
+
+    Args:
+        kind: type of the field, as rclpy names it.
+    """
     match = _MESSAGE.fullmatch(kind)
     if match is None:
         return None

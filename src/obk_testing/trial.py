@@ -342,7 +342,8 @@ class StackTrial:
 
         Args:
             topic: full name.
-            field: a float or double, or an array of them, at the top level of the message.
+            field: path of a float or double, of an array of them, or of a message that contains
+                only these, such as `linear_acceleration` or `linear_acceleration.x`.
             sigma: standard deviation, in the unit of the field.
             duration: how long noise is added [s].
 

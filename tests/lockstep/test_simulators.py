@@ -139,6 +139,27 @@ def test_commands_that_a_subclass_lets_be_rejected_do_not_count(
     assert not any("returned False" in text for text in reports)
 
 
+def test_noise_is_added_to_nested_fields_and_messages_of_floats(start_config: Start) -> None:
+    imu = "/obelisk/dummy/imu"
+
+    def measured(*fields: str) -> Any:
+        trial = start_config(DUMMY, watch=[imu])
+        for field in fields:
+            trial.noise(imu, field, 0.1)
+        return trial.run(0.1)[imu]
+
+    ideal = measured()
+    noisy = measured("linear_acceleration", "angular_velocity.x")
+    changed = np.asarray(noisy.linear_acceleration) - np.asarray(ideal.linear_acceleration)
+    assert (np.abs(changed) > 0.0).all()
+    assert changed.std() == pytest.approx(0.1, rel=0.3)
+    assert (noisy.angular_velocity.x != ideal.angular_velocity.x).all()
+    assert (noisy.angular_velocity.y == ideal.angular_velocity.y).all()
+    for field in ("header", "header.stamp.sec", "linear_acceleration.w", "x.y", ""):
+        with pytest.raises(LookupError):
+            measured(field)
+
+
 def test_rejecting_every_command_until_now_is_a_fault(start_config: Start) -> None:
     trial = start_config(CARTPOLE, without=("control",))
     topic = trial.stack.plan.nodes[-1].subscribes[0].topic
