@@ -18,6 +18,7 @@ __all__ = [
     "config_of",
     "find_recording",
     "folder_of_runs",
+    "name_and_place",
     "run_folders",
     "run_name",
 ]
@@ -80,6 +81,12 @@ def config_of(folder: Path) -> str:
     return match["config"] if match else folder.name
 
 
+def name_and_place(name: str) -> tuple[str, int]:
+    """Split `arm~1` into the name and how many runs before the most recent one are meant."""
+    earlier = _EARLIER.fullmatch(name)
+    return (earlier["name"], int(earlier["place"])) if earlier else (name, 0)
+
+
 def find_recording(parent: Path | None, name: str | None) -> Path:
     """Find the recording that a name refers to.
 
@@ -97,8 +104,7 @@ def find_recording(parent: Path | None, name: str | None) -> Path:
     if name is not None and (inside := _in_folder(Path(name))):
         return inside
     folders = () if parent is None else run_folders(parent)
-    earlier = _EARLIER.fullmatch(name or "")
-    name, place = (earlier["name"], int(earlier["place"])) if earlier else (name, 0)
+    name, place = (None, 0) if name is None else name_and_place(name)
     fitting = [f for f in folders if name is None or name in (f.name, config_of(f))]
     recorded = [f / RECORDING for f in fitting if (f / RECORDING).is_file()]
     if place < len(recorded):

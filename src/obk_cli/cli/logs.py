@@ -46,8 +46,9 @@ def command(
 ) -> None:
     """Show the log of a run, or of one of its nodes.
 
-    RUN is the name of a config (its latest run) or of a run's folder. NODE is a name, full or short
-    (control_0). `obk logs control_0` shows that node in the latest run.
+    RUN is the name of a config (its latest run; `NAME~1`: the one before) or of a run's folder.
+    NODE is a name, full or short (control_0). `obk logs control_0` shows that node in the latest
+    run.
     """
     if lines is not None and lines < 0:
         raise MisuseError("`--lines`: expected a number of at least 0")

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from obelisk_spec.suggestions import did_you_mean
 from obk_cli.errors import CommandFailedError
+from obk_cli.introspect.resolve import near_help
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.runs.folder import Run, runs_folder
 from obk_cli.runs.lifecycle import TRANSITIONS
@@ -229,7 +229,7 @@ def _choose(
         if not select_nodes(name, found):
             raise CommandFailedError(
                 f"no lifecycle node `{name}` in ROS domain {environment.domain}",
-                help=did_you_mean(name, found),
+                help=near_help(name, found),
             )
     return in_tier_order({node for name in search.names for node in select_nodes(name, found)})
 

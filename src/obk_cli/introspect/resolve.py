@@ -23,6 +23,7 @@ __all__ = [
     "find_topic",
     "matching_names",
     "matching_nodes",
+    "near_help",
     "resolve_one",
     "settle",
     "the_type",
@@ -76,7 +77,7 @@ def resolve_one(kind: Kind, name: str, known: Collection[str], domain: int) -> s
     if not fitting:
         raise CommandFailedError(
             f"no {kind} `{name}` in ROS domain {domain}",
-            help=_near(name, sorted(known)),
+            help=near_help(name, sorted(known)),
         )
     return fitting[0]
 
@@ -85,7 +86,7 @@ def _matching(kind: Kind) -> Callable[[str, Iterable[str]], tuple[str, ...]]:
     return matching_nodes if kind == "node" else matching_names
 
 
-def _near(name: str, known: Collection[str]) -> str | None:
+def near_help(name: str, known: Collection[str]) -> str | None:
     """A hint with similar names, compared whole or by last part; otherwise the existing names."""
     tails = {full.rpartition("/")[2].removeprefix("obelisk_"): full for full in known}
     near = [] if name.startswith("/") else [tails[tail] for tail in near_names(name, tails)]

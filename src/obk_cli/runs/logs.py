@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import IO, Final
 
-from obelisk_spec.suggestions import did_you_mean, list_names
+from obelisk_recordings.find import name_and_place
+from obelisk_spec.suggestions import did_you_mean, list_names, with_number
 from obk_cli.errors import CommandFailedError
 from obk_cli.runs.folder import config_of, read_run, run_folders
 from obk_cli.runs.registry import select_nodes
@@ -26,8 +27,9 @@ def find_log(parent: Path, run: str | None, node: str | None) -> Path:
 
     Args:
         parent: the folder of all runs.
-        run: name of a config or run folder; None: the most recent run. If `node` is None, an
-            unknown name is taken for a node of the most recent run.
+        run: name of a config (`NAME~1` for the run before its latest one) or run folder; None: the
+            most recent run. If `node` is None, an unknown name is taken for a node of the most
+            recent run.
         node: full or short name; None: the output of the launcher.
 
     Raises:
@@ -51,10 +53,13 @@ def find_log(parent: Path, run: str | None, node: str | None) -> Path:
 
 
 def _folder(folders: Sequence[Path], name: str) -> Path | None:
-    """The most recent run of a config, or the folder with this name."""
+    """The most recent run of a config, the one before for `NAME~1`, or the folder of this name."""
+    name, place = name_and_place(name)
     config = name.replace("/", "_")
-    fitting = (folder for folder in folders if name == folder.name or config == config_of(folder))
-    return next(fitting, None)
+    fitting = [folder for folder in folders if name == folder.name or config == config_of(folder)]
+    if fitting and place >= len(fitting):
+        raise CommandFailedError(f"`{name}` has only {with_number(len(fitting), 'run')}")
+    return fitting[place] if fitting else None
 
 
 def _nodes(folder: Path) -> tuple[str, ...]:

@@ -29,6 +29,10 @@ def test_the_most_recent_run_is_the_default(tmp_path: Path, folders: list[Path])
     assert find_log(tmp_path, None, None) == other / "launch.log"
     assert find_log(tmp_path, "dummy", None) == new / "launch.log"
     assert find_log(tmp_path, old.name, None) == old / "launch.log"
+    assert find_log(tmp_path, "dummy~0", None) == new / "launch.log"
+    assert find_log(tmp_path, "dummy~1", "control_0") == old / "obelisk_control_0.log"
+    with pytest.raises(CommandFailedError, match="only 2 runs"):
+        find_log(tmp_path, "dummy~2", None)
 
 
 def test_a_node_is_named_in_full_or_in_short(tmp_path: Path, folders: list[Path]) -> None:
