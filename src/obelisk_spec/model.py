@@ -4,6 +4,7 @@
 no meshes, so a model can be checked even if its meshes are missing.
 """
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -36,6 +37,8 @@ class ActuatorFact:
     """Its own name, otherwise that of the joint that only it drives; may be empty."""
     unit: str
     """Unit of its control, such as `N m`; empty if the model does not determine one."""
+    joint: str = ""
+    """The joint that it drives; empty if it drives something else."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,6 +54,8 @@ class ModelFacts:
     sites: tuple[str, ...] = ()
     cameras: tuple[str, ...] = ()
     keyframes: tuple[str, ...] = ()
+    poses: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Keyframe -> hinge or slide -> position [rad or m]; the key `""` is the initial state."""
     actuators: tuple[ActuatorFact, ...] = ()
     """In the order of the controls."""
     position_servos: int = 0
@@ -71,6 +76,7 @@ def read_model_facts(spec: Any) -> ModelFacts:
         sites=_names(spec.sites),
         cameras=_names(spec.cameras),
         keyframes=_names(spec.keys),
+        poses=_read_poses(spec),
         actuators=tuple(_read_actuators(spec.actuators, joints)),
         position_servos=sum(map(_is_position_servo, spec.actuators)),
         timestep=float(spec.option.timestep),
@@ -88,6 +94,39 @@ def _read_sensor(sensor: Any, joints: Mapping[str, str]) -> SensorFact:
     )
 
 
+_COORDINATES: Final = {"free": 7, "ball": 4, "hinge": 1, "slide": 1}
+"""Joint type -> its number of values in `qpos`."""
+
+
+def _read_poses(spec: Any) -> dict[str, dict[str, float]]:
+    addresses: dict[str, int] = {}
+    initial: dict[str, float] = {}
+    address = 0
+    for joint in _joints(spec.worldbody):
+        kind = _enum_word(joint.type)
+        if joint.name and _COORDINATES[kind] == 1:
+            is_in_degrees = kind == "hinge" and spec.compiler.degree
+            addresses[joint.name] = address
+            initial[joint.name] = float(math.radians(joint.ref) if is_in_degrees else joint.ref)
+        address += _COORDINATES[kind]
+    poses = {"": initial}
+    for key in spec.keys:
+        # A keyframe without `qpos` has the initial positions; one of another length is an error.
+        if key.name and len(key.qpos) in (0, address):
+            given = addresses if len(key.qpos) else {}
+            poses[key.name] = initial | {name: float(key.qpos[at]) for name, at in given.items()}
+    return poses
+
+
+def _joints(world: Any) -> Iterator[Any]:
+    """All joints, in the order of `qpos`; a chain of bodies may be too long for a recursion."""
+    waiting = [world]
+    while waiting:
+        body = waiting.pop()
+        yield from body.joints
+        waiting += reversed(body.bodies)
+
+
 _FORCE, _POSITION, _VELOCITY = 0, 1, 2
 _UNITS: Final = {"hinge": ("N m", "rad", "rad/s"), "slide": ("N", "m", "m/s")}
 """Joint type -> units of a force, a position and a velocity."""
@@ -102,6 +141,7 @@ def _read_actuators(actuators: Sequence[Any], joints: Mapping[str, str]) -> Iter
         yield ActuatorFact(
             name=actuator.name or (joint if driven.count(joint) == 1 else ""),
             unit="" if units is None or quantity is None or has_gear else units[quantity],
+            joint=joint,
         )
 
 

@@ -8,9 +8,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from obelisk_spec.names import bare_name
 from obk_cli.cli.config_options import make_options, print_findings
 from obk_cli.cli.new_run import AddToOptions
 from obk_cli.compiler import Outcome, compile_source
+from obk_cli.config.environment import ModelRead
+from obk_cli.config.model import Node
 from obk_cli.configedit.add_node import add_node, find_replaced, new_errors
 from obk_cli.configedit.auto_wiring import matching_types
 from obk_cli.configedit.edited_files import EditedFile, open_for_edit, report_diff, write_edited
@@ -22,13 +25,17 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.launch.commands import composable, find_executables
 from obk_cli.scaffold.describe import Added
 from obk_cli.scaffold.kinds import SECTIONS, Kind
-from obk_cli.scaffold.package_spec import PackageRequest, PackageSpec
+from obk_cli.scaffold.package_spec import MessageType, PackageRequest, PackageSpec, RobotJoints
+from obk_cli.scaffold.robot_model import robot_joints
 from obk_cli.scaffold.variables import TestedStack, config_snippet
 from obk_cli.workspace.package_index import PackageIndex
 
 __all__ = ["OpenConfig", "open_config"]
 
 
+_KEYFRAME = "ic_keyframe"
+_USUAL_KEYFRAME = "ic"
+"""The keyframe at which the simulator starts by default."""
 _OPTIONS: Mapping[str, str] = {
     "ctrl": "--ctrl-msg",
     "est": "--est-msg",
@@ -143,6 +150,44 @@ class OpenConfig:
             est_msg=request.est_msg or types.get("est"),
             sensor_msg=request.sensor_msg or types.get("sensor"),
         )
+
+    def robot_joints(self, sensor: MessageType) -> RobotJoints | None:
+        """The joints of the simulated robot to be replaced, or of the stack's only one.
+
+        Args:
+            sensor: the message of its encoders.
+
+        Returns:
+            None if there is no such robot, or its model cannot be read.
+        """
+        stack, environment = self._outcome.config, self._outcome.environment
+        if stack is None or environment is None:
+            return None
+        replaces = self.options.replaces
+        replaced = find_replaced(stack, SECTIONS["robot"], replaces) if replaces else None
+        robots = (replaced,) if isinstance(replaced, Node) else stack.section(SECTIONS["robot"])
+        simulated = [(robot, sim) for robot in robots for sim in robot.used_sims]
+        if len(simulated) != 1:
+            return None
+        ((robot, sim),) = simulated
+        path = sim.model.found if sim.model else None
+        read = environment.read_model(path) if path else None
+        if not isinstance(read, ModelRead):
+            return None
+        keyframe = next((p.value for p in robot.params if p.name == _KEYFRAME), _USUAL_KEYFRAME)
+        return robot_joints(read.facts, str(keyframe), self._encoders(robot, sensor))
+
+    def _encoders(self, robot: Node, sensor: MessageType) -> tuple[str, ...]:
+        """The sensors with which a simulated robot fills a message."""
+        nodes = self._outcome.plan.nodes if self._outcome.plan else ()
+        groups = (
+            group
+            for node in nodes
+            if node.full_name == robot.full_name
+            for group in node.sensor_groups
+            if bare_name(group.kind) == sensor.name
+        )
+        return tuple(next((group.sensors for group in groups), ()))
 
     def add(self, spec: PackageSpec) -> ConfigEdit:
         """The edit that puts the new node into the config; nothing is written.

@@ -16,6 +16,7 @@ from obelisk_spec.suggestions import ask_for, near_names
 from obk_cli.cli.new_target import (
     TargetFolder,
     compose_config,
+    find_joints,
     find_model,
     find_root,
     find_target,
@@ -160,6 +161,10 @@ def run_new(request: PackageRequest, options: NewOptions) -> None:
     edited = _open_config(options.add_to) if options.add_to else None
     if edited:
         spec = _checked_spec(edited.with_types(request, spec), target)
+    if spec.kind == "robot":
+        joints = edited.robot_joints(spec.sensor) if edited else None
+        joints = joints or find_joints(target.folder.resolve())
+        spec = replace(spec, joints=joints) if joints else spec
     _note_missing_packages(spec, target)
     library = find_library(options.templates)
     root = target.folder.resolve() if request.kind == "config" else find_root(target, spec.node)

@@ -8,12 +8,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from obk_cli.config.environment import NodeFacts
+from obk_cli.config.environment import ModelRead, NodeFacts
 from obk_cli.errors import CommandFailedError
 from obk_cli.scaffold.compose import Composition
 from obk_cli.scaffold.kinds import Kind
 from obk_cli.scaffold.package_files import PackageIdentity, PackageTexts, read_identity
-from obk_cli.scaffold.package_spec import PackageRequest, PackageSpec
+from obk_cli.scaffold.package_spec import PackageRequest, PackageSpec, RobotJoints
+from obk_cli.scaffold.robot_model import robot_joints
 from obk_cli.scaffold.stack import (
     Model,
     StackNode,
@@ -30,6 +31,7 @@ from obk_cli.workspace.package_index import find_workspace, is_workspace
 __all__ = [
     "TargetFolder",
     "compose_config",
+    "find_joints",
     "find_model",
     "find_root",
     "find_target",
@@ -277,3 +279,15 @@ def find_model(root: Path) -> Model | None:
             if model is not None:
                 return model
     return None
+
+
+def find_joints(root: Path) -> RobotJoints | None:
+    """The joints of the workspace's model in its first keyframe; None if unknown."""
+    model = find_model(root)
+    if model is None:
+        return None
+    environment = MachineEnvironment(root, Path.cwd(), os.environ)
+    read = environment.read_model((root / model.path).resolve())
+    if not isinstance(read, ModelRead):
+        return None
+    return robot_joints(read.facts, next(iter(model.keyframes), ""))

@@ -4,14 +4,16 @@ Pure: returns lines of Python and C++ code, and the class and header of a type a
 C++ generator. Only messages whose fields this project defines are filled.
 """
 
+import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from obk_cli.scaffold.package_spec import MessageType
 
 __all__ = [
     "LINE_LENGTH",
+    "MessageCode",
     "control_code",
     "cpp_control",
     "cpp_estimate",
@@ -20,8 +22,11 @@ __all__ = [
     "estimate_code",
     "has_header",
     "import_block",
-    "is_position_control",
+    "joints_code",
     "message_imports",
+    "names_code",
+    "position_field",
+    "quoted",
     "reading_code",
 ]
 
@@ -129,18 +134,47 @@ def estimate_code(est: MessageType, sensor: MessageType) -> MessageCode:
     )
 
 
-def is_position_control(ctrl: MessageType) -> bool:
-    """Whether a control message has `u_mujoco`, which a simulated robot can execute."""
-    return ctrl.full in _WITH_U_MUJOCO
+def position_field(ctrl: MessageType) -> str:
+    """The field with the positions that a control message commands; empty if it has none."""
+    if ctrl.full == "obelisk_control_msgs/msg/PDFeedForward":
+        return "pos_target"
+    return "u_mujoco" if ctrl.full in _WITH_U_MUJOCO else ""
 
 
-def reading_code(sensor: MessageType, positions: str, offset: str = "") -> MessageCode:
+def joints_code(positions: Mapping[str, float]) -> str:
+    """Code of a dict with the positions of joints, as formatted by ruff after `JOINTS = `."""
+    items = [f"{quoted(name)}: {round(position, 6)}" for name, position in positions.items()]
+    return _collection(items, "{", "}", "JOINTS = ")
+
+
+def names_code(names: Iterable[str]) -> str:
+    """Code of a tuple of names, as formatted by ruff after `DRIVEN = `."""
+    items = [quoted(name) for name in names]
+    return _collection(items, "(", ",)" if len(items) == 1 else ")", "DRIVEN = ")
+
+
+def _collection(items: Sequence[str], opening: str, closing: str, start: str) -> str:
+    line = f"{opening}{', '.join(items)}{closing}"
+    if len(start) + len(line) <= LINE_LENGTH:
+        return line
+    return "\n".join([opening, *(f"    {item}," for item in items), closing[-1]])
+
+
+def quoted(text: str) -> str:
+    """A string in double quotes, valid in Python and in YAML."""
+    return json.dumps(text, ensure_ascii=False)
+
+
+def reading_code(
+    sensor: MessageType, positions: str, offset: str = "", names: str = ""
+) -> MessageCode:
     """Code with which a robot or a sensor fills its message.
 
     Args:
         sensor: the message.
         positions: code for the joints' positions [rad or m].
         offset: prefix of other readings, such as `self.offset + `.
+        names: code for the joints' names; empty if they have none.
     """
     codes = {
         "obelisk_sensor_msgs/msg/JointEncoders": MessageCode(
@@ -148,6 +182,7 @@ def reading_code(sensor: MessageType, positions: str, offset: str = "") -> Messa
         ),
         "obelisk_sensor_msgs/msg/ObkJointEncoders": MessageCode(
             statements=(
+                *((f"msg.joint_names = {names}",) if names else ()),
                 f"msg.joint_pos = {positions}",
                 "msg.joint_vel = [0.0] * len(msg.joint_pos)",
             ),
@@ -267,7 +302,7 @@ def cpp_header(message: MessageType) -> str:
 
 def cpp_control(ctrl: MessageType, controls: int = 1) -> tuple[str, ...]:
     """Code of `ComputeControl` that fills its message; `controls` are the model's actuators."""
-    if is_position_control(ctrl):
+    if ctrl.full in _WITH_U_MUJOCO:
         law = f"msg.u_mujoco.assign({controls}, {_CPP_SINE});  // your control law goes here"
     elif ctrl.full == "obelisk_control_msgs/msg/VelocityCommand":
         law = _CPP_VELOCITY

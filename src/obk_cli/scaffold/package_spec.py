@@ -4,7 +4,7 @@ The result is a `PackageSpec` for a `PackageRequest`, or all problems with the r
 are read and no messages imported.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Protocol
@@ -30,6 +30,7 @@ __all__ = [
     "MessageType",
     "PackageRequest",
     "PackageSpec",
+    "RobotJoints",
     "check_request",
 ]
 
@@ -103,6 +104,18 @@ class PackageRequest:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RobotJoints:
+    """The joints of a robot; by default one, whose control is its position."""
+
+    start: Mapping[str, float] = field(default_factory=lambda: {"joint": 0.0})
+    """Joint -> position before the first command [rad or m], in the order of the encoders."""
+    driven: tuple[str, ...] = ("joint",)
+    """The joint of each actuator; empty if an actuator drives something else."""
+    are_servos: bool = True
+    """Whether each value of `u_mujoco` is the position of a joint."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PackageSpec:
     """The package to create; all of its names are checked."""
 
@@ -119,6 +132,8 @@ class PackageSpec:
     """Whether a message package also contains a service."""
     controls: int = 1
     """Number of values in a control message for the simulator."""
+    joints: RobotJoints = field(default_factory=RobotJoints)
+    """For a robot."""
 
     @property
     def class_name(self) -> str:

@@ -3,7 +3,6 @@
 Pure: returns sensor groups, MJCF text and template values for the facts about a model.
 """
 
-import json
 import re
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -14,7 +13,8 @@ from obelisk_spec.model import ModelFacts, SensorFact
 from obelisk_spec.sensors import SENSOR_GROUPS
 from obelisk_spec.suggestions import with_number
 from obelisk_spec.yaml_core import core_scalar
-from obk_cli.scaffold.message_code import LINE_LENGTH
+from obk_cli.scaffold.message_code import LINE_LENGTH, quoted
+from obk_cli.scaffold.package_spec import RobotJoints
 
 __all__ = [
     "HeldActuator",
@@ -22,6 +22,7 @@ __all__ = [
     "RobotModel",
     "describe_robot",
     "model_variables",
+    "robot_joints",
     "sensor_groups",
     "supplement",
 ]
@@ -114,6 +115,32 @@ def sensor_groups(facts: ModelFacts, driven: Iterable[str]) -> tuple[ModelSensor
         *_at_objects(facts, "ObkImu", "imu", needed=("accelerometer", "gyro")),
         *_at_objects(facts, "ObkFramePose", "pose", needed=("framepos", "framequat")),
         *_forces(facts),
+    )
+
+
+def robot_joints(
+    facts: ModelFacts, keyframe: str, sensors: Iterable[str] = ()
+) -> RobotJoints | None:
+    """The joints of a robot that replaces a simulated one; None if no joint has a name.
+
+    Args:
+        facts: the model.
+        keyframe: its initial state; empty or unknown for that of a model without keyframes.
+        sensors: the sensors of the simulated robot's encoders, in their order.
+    """
+    driven = tuple(actuator.joint for actuator in facts.actuators)
+    measured = (facts.sensors.get(name) for name in sensors)
+    positions = tuple(s.object_name for s in measured if s is not None and s.type == "jointpos")
+    order = positions or (*driven, *scalar_joints(facts))
+    pose = facts.poses.get(keyframe) or facts.poses.get("", {})
+    start = {joint: pose[joint] for joint in order if joint in pose}
+    if not start:
+        return None
+    is_direct = all(actuator.unit in ("rad", "m") for actuator in facts.actuators)
+    return RobotJoints(
+        start=start,
+        driven=driven if driven and all(joint in pose for joint in driven) else (),
+        are_servos=is_direct,
     )
 
 
@@ -244,7 +271,7 @@ def model_variables(robot: RobotModel) -> dict[str, object]:
         "has_feedback": hold.has_feedback,
         "unit": _unit(hold.actuators),
         "controls": len(hold.actuators),
-        "joints": _python_tuple([_quoted(a.joint) for a in hold.actuators], indent=0),
+        "joints": _python_tuple([quoted(a.joint) for a in hold.actuators], indent=0),
         "lists": {name: _lists(hold, name) for name in ("pose", "setpoint", "kp", "kd")},
         "has_driven": bool(_poses(hold.actuators)),
         "test_pose": _python_tuple(
@@ -271,12 +298,7 @@ _PLAIN = re.compile(r"[A-Za-z_][\w./-]*", re.ASCII)
 def _yaml(text: str) -> str:
     """A YAML string; MuJoCo allows any character in a name."""
     is_plain = _PLAIN.fullmatch(text) and core_scalar(text) == text
-    return text if is_plain else _quoted(text)
-
-
-def _quoted(text: str) -> str:
-    """A string in quotes that are valid in YAML and in Python."""
-    return json.dumps(text, ensure_ascii=False)
+    return text if is_plain else quoted(text)
 
 
 def _lists(hold: Hold, name: str) -> dict[str, str]:

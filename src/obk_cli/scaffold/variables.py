@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from obk_cli.scaffold.kinds import NODE_KINDS, SECTIONS
 from obk_cli.scaffold.message_code import (
     LINE_LENGTH,
+    MessageCode,
     control_code,
     cpp_control,
     cpp_estimate,
@@ -15,8 +16,10 @@ from obk_cli.scaffold.message_code import (
     cpp_type,
     estimate_code,
     import_block,
-    is_position_control,
+    joints_code,
     message_imports,
+    names_code,
+    position_field,
     reading_code,
 )
 from obk_cli.scaffold.package_spec import MessageType, PackageSpec
@@ -133,6 +136,7 @@ _LIFECYCLE = "rclpy.lifecycle"
 _OFFSET = "self.offset + "
 """Prefix of simulated readings of a sensor without a device."""
 _POSITIONS = f"[{_OFFSET}math.sin(self.t)]"
+_JOINT_POSITIONS = "[self.positions[joint] for joint in JOINTS]"
 
 
 def template_variables(
@@ -179,8 +183,10 @@ def _test_entry(spec: PackageSpec) -> str:
 
 
 def _node_variables(spec: PackageSpec, topics: str) -> dict[str, object]:
-    follows = spec.kind == "robot" and is_position_control(spec.ctrl)
-    measures = ("self.positions",) if spec.kind == "robot" else (_POSITIONS, _OFFSET)
+    if spec.kind == "robot":
+        reading = reading_code(spec.sensor, _JOINT_POSITIONS, names="list(JOINTS)")
+    else:
+        reading = reading_code(spec.sensor, _POSITIONS, _OFFSET)
     return {
         "class_name": spec.class_name,
         "description": f"The {spec.node} {spec.kind} for Obelisk.",
@@ -195,8 +201,8 @@ def _node_variables(spec: PackageSpec, topics: str) -> dict[str, object]:
         "test_sensor_topic": sensor_topic(spec.sensor, _TEST_TOPICS),
         "control": control_code(spec.ctrl, spec.controls),
         "estimate": estimate_code(spec.est, spec.sensor),
-        "reading": reading_code(spec.sensor, *measures),
-        "follows_positions": follows,
+        "reading": reading,
+        **_joint_variables(spec, reading),
         "dependencies": dependencies(spec),
         "release": spec.release,
         "cpp_types": {
@@ -207,6 +213,21 @@ def _node_variables(spec: PackageSpec, topics: str) -> dict[str, object]:
         "cpp_headers": _cpp_headers(spec),
         "cpp_control": cpp_control(spec.ctrl, spec.controls),
         "cpp_estimate": cpp_estimate(spec.est, spec.sensor),
+    }
+
+
+def _joint_variables(spec: PackageSpec, reading: MessageCode) -> dict[str, object]:
+    """`joints` and `driven` as code, empty if unused, and the commanded positions, if any."""
+    joints = spec.joints
+    has_joints = any(_JOINT_POSITIONS in line for line in reading.statements)
+    field = position_field(spec.ctrl) if has_joints else ""
+    follows = "" if field == "u_mujoco" and not (joints.are_servos and joints.driven) else field
+    is_ordered = joints.driven in ((), tuple(joints.start))
+    return {
+        "joints": joints_code(joints.start) if has_joints else "",
+        "driven": "" if is_ordered or not follows else names_code(joints.driven),
+        "follows": follows,
+        "test_command": f"u_mujoco=[0.0] * {len(joints.driven)}" if follows == "u_mujoco" else "",
     }
 
 
@@ -241,7 +262,7 @@ def _has_parameter(spec: PackageSpec) -> bool:
         case "controller":
             return control_code(spec.ctrl).uses_math
         case "robot":
-            return is_position_control(spec.ctrl)
+            return False
         case "sensor":
             return bool(reading_code(spec.sensor, _POSITIONS).unit)
     return True

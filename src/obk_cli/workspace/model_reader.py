@@ -44,7 +44,7 @@ __all__ = [
 
 
 _SENSOR_SECTION = "sensor"
-_FORMAT = 6
+_FORMAT = 7
 _MOST_ENTRIES = 256
 _OTHER_FILES = (b"<attach", b"<model", b"<robot")
 """Elements that may refer to further files; such models are always read."""

@@ -62,3 +62,37 @@ def test_actuators_have_the_units_that_the_model_determines() -> None:
         ("thrust", ""),
         ("", "rad/s"),
     ]
+
+
+@pytest.mark.mujoco
+def test_poses_are_those_of_the_compiled_model() -> None:
+    import mujoco
+
+    model = """<mujoco>
+      <worldbody>
+        <body>
+          <freejoint name="base"/><geom size="1"/>
+          <body>
+            <body><joint name="far" ref="90"/><geom size="1"/></body>
+            <joint name="near" type="slide" ref="0.5"/><geom size="1"/>
+          </body>
+          <body><joint name="ball" type="ball"/><geom size="1"/>
+            <body><joint name="last"/><geom size="1"/></body>
+          </body>
+        </body>
+      </worldbody>
+      <keyframe>
+        <key name="other" qpos="0 0 0 1 0 0 0 1 2 1 0 0 0 3"/>
+        <key name="velocities" qvel="0 0 0 0 0 0 0 0 0 0 0 0"/>
+      </keyframe>
+    </mujoco>"""
+    spec = mujoco.MjSpec.from_string(model)
+    poses = read_model_facts(spec).poses
+    compiled = spec.compile()
+    joints = ("near", "far", "last")
+    states = {"": compiled.qpos0} | {n: compiled.key(n).qpos for n in ("other", "velocities")}
+    assert poses == {
+        name: pytest.approx({joint: qpos[compiled.joint(joint).qposadr[0]] for joint in joints})
+        for name, qpos in states.items()
+    }
+    assert poses["other"] == {"near": 1.0, "far": 2.0, "last": 3.0}
