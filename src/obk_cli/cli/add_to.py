@@ -111,6 +111,7 @@ class ConfigEdit:
         later = "note: until it is built, `obk validate` reports a missing executable"
         return Added(
             config=source.path,
+            is_connected=not self.added.unpublished,
             lines=(
                 *added_lines(self.added, is_done=is_done),
                 *((later,) if self._is_built_later else ()),

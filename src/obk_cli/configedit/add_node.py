@@ -37,7 +37,7 @@ from obk_cli.configedit.block_editor import (
     snippet_of,
 )
 from obk_cli.configedit.new_node import NewNode, Rejected
-from obk_cli.configedit.report import AddedNode, moved, notes_of
+from obk_cli.configedit.report import AddedNode, lost_publishers, moved, notes_of
 from obk_cli.configedit.spelling import devices_of
 from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.edits import Edit, apply_edits
@@ -288,6 +288,7 @@ class _Addition:
             links=tuple(moved(link, source, edits) for link in wired.links),
             ticks=wired.ticks,
             notes=notes_of(place, edits, self._stack, after.config, node, old),
+            unpublished=lost_publishers(self._stack, after.config),
             before=self._before.diagnostics,
         )
 

@@ -4,10 +4,12 @@ Pure.
 """
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
+from obelisk_spec.suggestions import list_names
 from obk_cli.config.model import Node, Stack
+from obk_cli.config.topology import stack_endpoints
 from obk_cli.config.tree import TreeMap
 from obk_cli.configedit.auto_wiring import Link, Tick
 from obk_cli.configedit.block_editor import InsertionPoint
@@ -15,7 +17,7 @@ from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.edits import Edit, Offsets
 from obk_cli.diagnostics.source import SourceFile, Span
 
-__all__ = ["AddedNode", "added_lines", "added_values", "moved", "notes_of"]
+__all__ = ["AddedNode", "added_lines", "added_values", "lost_publishers", "moved", "notes_of"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,6 +33,8 @@ class AddedNode:
     ticks: tuple[Tick, ...]
     notes: tuple[str, ...]
     """Other changes and remarks, as sentences."""
+    unpublished: Mapping[str, tuple[str, ...]]
+    """Topics that only the replaced node published -> their subscribers."""
     before: tuple[Diagnostic, ...]
     """The findings of the old config."""
 
@@ -48,7 +52,7 @@ def added_lines(added: AddedNode, *, is_done: bool = True) -> tuple[str, ...]:
     for tick in added.ticks:
         period = f"every {tick.period_s:g} s, {tick.origin}"
         lines.append(f"  {tick.component:<{width}} {period}")
-    return (*lines, *(f"note: {note}" for note in added.notes))
+    return (*lines, *(f"note: {note}" for note in _all_notes(added)))
 
 
 def added_values(added: AddedNode) -> dict[str, object]:
@@ -71,8 +75,27 @@ def added_values(added: AddedNode) -> dict[str, object]:
             {"component": tick.component, "period_s": tick.period_s, "from": tick.origin}
             for tick in added.ticks
         ],
-        "notes": list(added.notes),
+        "notes": list(_all_notes(added)),
     }
+
+
+def lost_publishers(before: Stack, after: Stack) -> dict[str, tuple[str, ...]]:
+    """Topics with a publisher before but none after the change -> their subscribers."""
+    ends = tuple(stack_endpoints(after))
+    published = {end.topic for end in ends if end.direction == "publishes"}
+    lost = {e.topic for e in stack_endpoints(before) if e.direction == "publishes"} - published
+    return {
+        topic: readers
+        for topic in sorted(lost)
+        if (readers := tuple(dict.fromkeys(end.owner for end in ends if end.topic == topic)))
+    }
+
+
+def _all_notes(added: AddedNode) -> Iterator[str]:
+    yield from added.notes
+    for topic, readers in added.unpublished.items():
+        verb = "subscribes" if len(readers) == 1 else "subscribe"
+        yield f"nothing publishes `{topic}` any more, to which {list_names(readers)} {verb}"
 
 
 def _names(added: AddedNode) -> Iterator[str]:

@@ -58,6 +58,8 @@ class Added:
     """The changes to a config to which the new node was added; `config` as the user wrote it."""
 
     config: str
+    is_connected: bool
+    """Whether every topic that the replaced node published still has a publisher."""
     lines: tuple[str, ...]
     values: Mapping[str, object]
     diff: str
@@ -88,10 +90,12 @@ class NewFiles:
             return (f"colcon build --packages-select {spec.package}",)
         test = PurePath(self.folder, "test", f"test_{spec.node}.py")
         stack = self.added.config if self.added else "CONFIG"
+        is_connected = self.added is None or self.added.is_connected
         # Settings of a new package or its workspace load the plugin; existing ones may not.
         is_new = all(decision.action is not Action.EDIT for decision in self.decisions)
         pytest = "python -m pytest" if is_new else "python -m pytest -p obk_testing.plugin"
-        return (f"{self.programs}{pytest} {test}", f"{self.programs}obk launch {stack}")
+        command = "launch" if is_connected else "validate"
+        return (f"{self.programs}{pytest} {test}", f"{self.programs}obk {command} {stack}")
 
 
 def describe_text(outcome: NewFiles) -> str:

@@ -280,3 +280,22 @@ def test_a_missing_config_is_reported(workspace: Path) -> None:
     error = refused("controller", "foo", "--add-to", "none.yaml")
     assert error.message.startswith("`none.yaml` cannot be read")
     assert list((workspace / "src").iterdir()) == []
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize(
+    ("options", "next_command", "is_published"),
+    [
+        ((), "obk launch arm.yaml", True),
+        (("--est-msg", "TrueSimState"), "obk validate arm.yaml", False),
+    ],
+)
+def test_a_topic_that_loses_its_only_publisher_is_reported(
+    options: tuple[str, ...], next_command: str, is_published: bool, fresh: Path
+) -> None:
+    replacing = ("--add-to", "arm.yaml", "--replace", "obelisk_estimation_0")
+    result = json.loads(obk_new("estimator", "foo", *options, *replacing, "--format", "json"))
+    lost = [note for note in result["added_to"]["notes"] if "`/arm/est`" in note]
+    assert len(lost) == (0 if is_published else 1)
+    assert is_published or "`/obelisk_control_0`" in lost[0]
+    assert result["next"][-1].endswith(next_command)
