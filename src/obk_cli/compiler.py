@@ -26,7 +26,7 @@ from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.files import STANDARD_INPUT, read_bytes
 from obk_cli.plan.lower import lower_stack
 from obk_cli.plan.plan import Plan
-from obk_cli.workspace.config_files import did_you_mean_config
+from obk_cli.workspace.config_files import did_you_mean_config, similar_configs
 from obk_cli.workspace.environment import MachineEnvironment
 
 __all__ = ["Options", "Outcome", "compile_config", "compile_source"]
@@ -34,7 +34,7 @@ __all__ = ["Options", "Outcome", "compile_config", "compile_source"]
 _LOSES_TEXT = frozenset(f"OBK{number:03}" for number in (2, 3, 6, 7, 8, 9, 10, 13))
 """Faults after which part of the config cannot be checked."""
 _OF_WHOLE_NODES = ("OBK207", "OBK208", "OBK306", "OBK307", "OBK405")
-"""Findings about parts missing from a node that may be defined under a duplicate key."""
+"""Findings about parts missing from a node that may be lost with other text."""
 _OF_FRAGMENTS = (*_OF_WHOLE_NODES, "OBK102", "OBK201", "OBK203", "OBK204", "OBK209", "OBK321")
 """Findings about missing parts of a file, which the including config may have."""
 _FOLLOWS: Mapping[str, str | tuple[str, ...]] = {
@@ -130,8 +130,10 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
         variables=options.variables,
         working_folder=options.working_folder,
         read=options.read,
+        similar=similar_configs,
     )
     tree, faults = load_config(source, files, options.overrides)
+    is_whole = files.are_whole and not any(fault.code in _LOSES_TEXT for fault in faults)
     stack: Stack | None = None
     if tree is not None:
         stack, read_faults = read_stack(tree)
@@ -139,13 +141,12 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
     if stack is not None:
         stack, locate_faults = locate_stack(stack, folder, files, environment)
         faults += locate_faults
-        is_whole = files.are_whole and not any(fault.code in _LOSES_TEXT for fault in faults)
         faults += check_stack(stack, environment, is_whole=is_whole, for_test=options.for_test)
     ignored = tuple(said_on_command_line(code) for code in options.ignore)
     ignored += stack.ignored_codes if stack is not None else ()
     faults += check_ignores(files.sources, ignored)
     codes = [code.value for code in ignored]
-    causes = tuple(_causes(faults, are_whole=files.are_whole))
+    causes = tuple(_causes(faults, is_whole=is_whole))
     including = _including(source.path, causes, options)
     if including:
         causes = tuple(_of_fragment(causes, source, including))
@@ -185,14 +186,14 @@ def _of_fragment(
     yield from (fault for fault in faults if fault.code not in _OF_FRAGMENTS)
 
 
-def _causes(faults: tuple[Diagnostic, ...], *, are_whole: bool) -> Iterator[Diagnostic]:
+def _causes(faults: tuple[Diagnostic, ...], *, is_whole: bool) -> Iterator[Diagnostic]:
     """The findings, without those that only follow from another one about the same text."""
     columns: dict[tuple[str, str, int], list[int]] = defaultdict(list)
     for fault in faults:
         if fault.code in _FOLLOWS:
             insort(columns[fault.code, fault.span.path, fault.span.line], fault.span.column)
     for fault in faults:
-        if not are_whole and fault.code in _OF_WHOLE_NODES:
+        if not is_whole and fault.code in _OF_WHOLE_NODES:
             continue
         if not any(
             fault.code.startswith(follows)

@@ -3,8 +3,9 @@
 The loader reads each file once, replaces variables, merges includes, and applies `--set`.
 """
 
+import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 
@@ -296,6 +297,7 @@ class ConfigFiles:
         variables: values for `${NAME}`.
         working_folder: findings show paths relative to it.
         read: returns a file's content, or why it cannot be read.
+        similar: returns existing paths similar to that of a missing file.
     """
 
     def __init__(
@@ -305,8 +307,10 @@ class ConfigFiles:
         variables: Mapping[str, str],
         working_folder: Path,
         read: Callable[[str], bytes | str],
+        similar: Callable[[str], Sequence[str]] = lambda _: (),
     ) -> None:
         self.sources = [source]
+        self.similar = similar
         self.are_whole = True
         """Whether the trees contain everything in the files."""
         self._variables = variables
@@ -457,7 +461,8 @@ class _Includes:
         self.faults += loaded.diagnostics
         if loaded.unreadable is not None:
             message = f"included file `{written}` cannot be read: {loaded.unreadable}"
-            self.faults.append(found("OBK008", message, span, help=f"looked for `{path}`"))
+            help = self._meant(path, chain) or f"looked for `{path}`"
+            self.faults.append(found("OBK008", message, span, help=help))
         tree = loaded.tree
         if tree is None or (isinstance(tree, TreeScalar) and tree.value is None):
             return None
@@ -467,6 +472,13 @@ class _Includes:
             self.faults.append(found("OBK010", message, span, related=(there,)))
             return None
         return self.resolve(tree, (*chain, (path, span)))
+
+    def _meant(self, path: str, chain: Chain) -> str | None:
+        """Suggest similar paths, relative to the including file."""
+        open_paths = {self._files.whole_path(open_path) for open_path, _ in chain}
+        near = [p for p in self._files.similar(path) if self._files.whole_path(p) not in open_paths]
+        folder = PurePath(chain[-1][0]).parent
+        return ask_for(os.path.relpath(one, folder) for one in near)
 
 
 def _too_many(written: str, span: Span) -> Diagnostic:

@@ -14,7 +14,7 @@ from obk_cli.diagnostics.source import LONGEST_FILE_BYTES
 from obk_cli.files import STANDARD_INPUT, read_bytes
 from obk_cli.workspace.package_index import find_workspace
 
-__all__ = ["configs_that_include", "did_you_mean_config"]
+__all__ = ["configs_that_include", "did_you_mean_config", "similar_configs"]
 
 _SUFFIXES: Final = (".yaml", ".yml")
 _CONFIG_DEPTH: Final = 3
@@ -25,17 +25,27 @@ _MOST: Final = 1_000
 
 def did_you_mean_config(path: str) -> str | None:
     """Suggest similar paths for a missing file; None if it exists, or none is similar."""
-    written = Path(path)
-    if path == STANDARD_INPUT or not written.name or os.path.lexists(written):
-        return None
-    here = Path.cwd()
-    beside = sorted(_configs_in(written.parent, 0))
-    near = _near(written, beside)
-    near = near or _near(written, sorted(_configs_in(find_workspace(here), _CONFIG_DEPTH)))
+    near = similar_configs(path)
     if near:
-        shown = (_from(here, config) for config in near)
-        return f"did you mean {' or '.join(f'`{name}`' for name in shown)}?"
+        return f"did you mean {' or '.join(f'`{name}`' for name in near)}?"
+    if not _is_missing(path):
+        return None
+    beside = sorted(_configs_in(Path(path).parent, 0))
     return f"available: {list_names(map(str, beside))}" if beside else None
+
+
+def similar_configs(path: str) -> tuple[str, ...]:
+    """Paths similar to that of a missing file: in its folder, otherwise in the workspace."""
+    if not _is_missing(path):
+        return ()
+    written, here = Path(path), Path.cwd()
+    near = _near(written, sorted(_configs_in(written.parent, 0)))
+    near = near or _near(written, sorted(_configs_in(find_workspace(here), _CONFIG_DEPTH)))
+    return tuple(_from(here, config) for config in near)
+
+
+def _is_missing(path: str) -> bool:
+    return path != STANDARD_INPUT and bool(Path(path).name) and not os.path.lexists(path)
 
 
 def _near(written: Path, configs: list[Path]) -> list[Path]:

@@ -232,3 +232,26 @@ def test_only_so_many_files_are_included() -> None:
 def test_of_a_file_without_end_only_so_much_is_read() -> None:
     (fault,) = compile_config("/dev/zero", options(Path.cwd())).diagnostics
     assert fault.code == "OBK007"
+
+
+def test_a_missing_include_suggests_similar_files_and_hides_what_it_may_contain(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "base.yaml").write_text("config: arm\n")
+    (tmp_path / "variant.yaml").write_text(
+        "include: base.yml\ncontrol:\n  pkg: obelisk_control_py\n"
+        "  executable: example_position_setpoint_controller\n"
+    )
+    options = Options(variables={}, working_folder=tmp_path)
+    outcome = compile_config(str(tmp_path / "variant.yaml"), options)
+    assert [fault.code for fault in outcome.diagnostics if fault.severity != "info"] == ["OBK008"]
+    assert outcome.diagnostics[0].help == "did you mean `base.yaml`?"
+
+
+def test_a_missing_include_does_not_suggest_the_including_file(tmp_path: Path) -> None:
+    (tmp_path / "variant.yaml").write_text("include: variant.yml\n")
+    options = Options(variables={}, working_folder=tmp_path)
+    outcome = compile_config(str(tmp_path / "variant.yaml"), options)
+    (fault,) = (fault for fault in outcome.diagnostics if fault.code == "OBK008")
+    assert fault.help is not None
+    assert "did you mean" not in fault.help
