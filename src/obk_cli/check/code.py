@@ -245,13 +245,22 @@ def _check_type(
     if written is not None and written != registered.msg_type:
         here = with_article(component.msg_type.value)
         in_code = with_article(registered.msg_type.replace("/msg/", "/"))
+        in_config = f"write `{_shortest(registered.msg_type)}`"
+        is_of_user = registered.given_type is not None or not registered.is_of_library
+        place = registered.given_type
         yield found(
             "OBK407",
             f"{component.kind} `{component.identity}` is {here} here and {in_code} in class "
             f"`{code.class_name}`",
             component.msg_type.span,
-            help=f"write `{_shortest(registered.msg_type)}`, or remove `msg_type`",
-            related=(_registration_of(registered),),
+            help=f"{in_config} here, or `{_shortest(written)}` in the class"
+            if is_of_user
+            else f"{in_config}, or remove `msg_type`",
+            related=(
+                Related(message="the class passes its type here", span=place)
+                if place is not None
+                else _registration_of(registered),
+            ),
         )
 
 

@@ -223,6 +223,8 @@ class CodeComponent:
     """Whether both names are known; otherwise the config may use a computed one."""
     is_of_library: bool
     """Whether a base class of the runtime library registers it."""
+    given_type: Span | None = None
+    """Where the user's class passes the message type to the base class that registers it."""
     has_typed_base: bool = False
     """Whether that base class is given message types, as since API generation 2."""
     wrong_callback: Diagnostic | None = None

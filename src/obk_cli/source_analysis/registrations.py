@@ -18,6 +18,7 @@ from obelisk_spec.registration import (
 from obk_cli.config.environment import CodeComponent, CodeParameter
 from obk_cli.config.model import ComponentKind
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
+from obk_cli.diagnostics.source import Span
 from obk_cli.source_analysis.base_calls import has_no_way_to_base
 from obk_cli.source_analysis.callbacks import check_arguments
 from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage
@@ -212,6 +213,8 @@ class _Walk:
         self._helper_calls = 0
         self._origin: tuple[ClassSource, Scope] | None = None
         """The class and the scope of the outermost call of a method that is followed."""
+        self._base_calls: tuple[tuple[ast.Call, Scope], ...] = ()
+        """The `super().__init__` of the user's classes that are being followed."""
         self._certain: dict[tuple[ast.Call, ...], CodeComponent] = {}
         self.reaches_library = False
 
@@ -371,6 +374,7 @@ class _Walk:
                 component,
                 is_required=certain,
                 is_of_library=first.is_of_library,
+                given_type=self._given_type(component) if source.is_of_library else None,
                 has_typed_base=first.is_of_library and any(v is not None for v in types),
                 wrong_callback=check_arguments(
                     registered.callback, component, scope, self._lineage
@@ -382,6 +386,15 @@ class _Walk:
             name = component.ros_parameter
             parameter = CodeParameter(name=name, kind=None, span=component.span)
             self.found.parameters.setdefault(name, parameter)
+
+    def _given_type(self, component: CodeComponent) -> Span | None:
+        """Where a user's class passes the type of a component to its base class."""
+        for call, scope in self._base_calls if component.msg_type else ():
+            for argument in (*call.args, *(keyword.value for keyword in call.keywords)):
+                value = value_of(argument, scope.module, self._library, scope.local)
+                if message_type(value) == component.msg_type:
+                    return span_of(argument, scope.module.source)
+        return None
 
     def _earlier(
         self, component: CodeComponent, place: tuple[ast.Call, ...]
@@ -424,7 +437,10 @@ class _Walk:
         if any(keyword.arg in _DECLARES_ALL for keyword in call.keywords):
             self.found.knows_parameters = False
         if name == "__init__":
+            before = self._base_calls
+            self._base_calls += () if source.is_of_library else ((call, scope),)
             self.constructor(index + 1, (call, scope))
+            self._base_calls = before
         elif name in _KINDS or name in DECLARING:
             self._own_call(name, index + 1, call, source, scope, is_certain=is_certain)
         else:

@@ -63,7 +63,7 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="`msg_type` differs between config and code",
         cause="The node's class registers the component with another message class.",
-        fix="Write the type from the code, or leave `msg_type` out.",
+        fix="Write the type from the code, leave `msg_type` out, or change the type in the code.",
     ),
     Rule(
         code="OBK408",
