@@ -11,7 +11,7 @@ from xml.sax.saxutils import quoteattr
 
 from obelisk_spec.model import ModelFacts, SensorFact
 from obelisk_spec.sensors import SENSOR_GROUPS
-from obelisk_spec.suggestions import with_number
+from obelisk_spec.suggestions import list_names, with_number
 from obelisk_spec.yaml_core import core_scalar
 from obk_cli.scaffold.message_code import LINE_LENGTH, quoted
 from obk_cli.scaffold.package_spec import RobotJoints
@@ -25,6 +25,7 @@ __all__ = [
     "robot_joints",
     "sensor_groups",
     "supplement",
+    "unused_sensors",
 ]
 
 
@@ -89,6 +90,8 @@ class RobotModel:
     """The group of the joints first."""
     added: str = ""
     """What `path` adds to the given model, as words."""
+    unused: tuple[str, ...] = ()
+    """Sentences about sensors that are in no group."""
 
 
 def scalar_joints(facts: ModelFacts) -> tuple[str, ...]:
@@ -115,6 +118,31 @@ def sensor_groups(facts: ModelFacts, driven: Iterable[str]) -> tuple[ModelSensor
         *_at_objects(facts, "ObkImu", "imu", needed=("accelerometer", "gyro")),
         *_at_objects(facts, "ObkFramePose", "pose", needed=("framepos", "framequat")),
         *_forces(facts),
+    )
+
+
+_NEEDED = {
+    "accelerometer": "an `ObkImu` needs an accelerometer and a gyro at one site",
+    "gyro": "an `ObkImu` needs an accelerometer and a gyro at one site",
+    "framepos": "an `ObkFramePose` needs a `framepos` and a `framequat` of one object",
+    "framequat": "an `ObkFramePose` needs a `framepos` and a `framequat` of one object",
+}
+"""Sensor type -> why a sensor of this type may be in no group."""
+
+
+def unused_sensors(facts: ModelFacts, groups: Iterable[ModelSensors]) -> tuple[str, ...]:
+    """Sentences about the named sensors of a model that are in no group, and why."""
+    names = {name for group in groups for name in group.sensors}
+    used = {(s.type, s.object_type, s.object_name) for s in map(facts.sensors.get, names) if s}
+    by_reason: dict[str, list[str]] = {}
+    for sensor in (s for s in facts.sensors.values() if s.name not in names):
+        is_second = (sensor.type, sensor.object_type, sensor.object_name) in used
+        without_group = _NEEDED.get(sensor.type, "no sensor group is created for their type")
+        reason = "another sensor measures the same" if is_second else without_group
+        by_reason.setdefault(reason, []).append(sensor.name)
+    return tuple(
+        f"not in the config: {list_names(sensors)}; {reason}"
+        for reason, sensors in by_reason.items()
     )
 
 
@@ -243,10 +271,11 @@ def _section(tag: str, lines: Sequence[str]) -> tuple[str, ...]:
 
 
 def describe_robot(robot: RobotModel) -> tuple[str, ...]:
-    """Sentences about what was added to a model, and how well its pose is held."""
+    """Sentences about what was added to a model or left out, and how well its pose is held."""
     hold, unit = robot.hold, _unit(robot.hold.actuators)
     pose = f"the `{hold.keyframe}` keyframe" if hold.keyframe else "the initial pose of the model"
     added = (f"{robot.path} includes the model and adds {robot.added}",) if robot.added else ()
+    added = (*added, *robot.unused)
     if not _poses(hold.actuators):
         return (*added, f"the controller sends the controls of {pose}: no actuator drives a joint")
     return (

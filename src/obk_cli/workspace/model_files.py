@@ -20,7 +20,12 @@ from obelisk_spec.suggestions import list_names
 from obk_cli.config.environment import ModelFault, ModelRead
 from obk_cli.errors import CommandFailedError
 from obk_cli.files import explain_os_error
-from obk_cli.scaffold.robot_model import RobotModel, sensor_groups, supplement
+from obk_cli.scaffold.robot_model import (
+    RobotModel,
+    sensor_groups,
+    supplement,
+    unused_sensors,
+)
 from obk_cli.scaffold.templates import RenderedFile
 from obk_cli.workspace.hold import find_hold
 from obk_cli.workspace.model_reader import import_mujoco, mjcf_files, read_model_bounded
@@ -81,6 +86,7 @@ def copy_model(path: Path, stack: str) -> ModelCopy:
             hold=hold,
             groups=sensors,
             added=more.added if more else "",
+            unused=unused_sensors(facts, sensors),
         ),
         files=tuple(
             RenderedFile(path=_FOLDER / place, content=content) for place, content in files.items()

@@ -213,3 +213,24 @@ def test_a_missing_file_is_rejected() -> None:
         "`nothing.xml` cannot be read: file not found"
         in refused("robot", "--model", "nothing.xml").message
     )
+
+
+def test_sensors_in_no_group_are_named(here: Path) -> None:
+    (here / "whole.xml").write_text(CART)
+    apart = CART.replace('<site name="imu"/>', '<site name="imu"/><site name="b"/>')
+    apart = apart.replace('name="turning" site="imu"', 'name="turning" site="b"')
+    (here / "apart.xml").write_text(
+        apart.replace("</sensor>", '<magnetometer name="north" site="b"/></sensor>')
+    )
+    notes = {
+        name: json.loads(obk_init(name, "--model", f"{name}.xml", "--format", "json"))["notes"]
+        for name in ("whole", "apart")
+    }
+    unused = [n for n in notes["apart"] if n not in notes["whole"] and "model/" not in n]
+    assert [
+        {word for word in ("turning", "shaking", "north") if f"`{word}`" in n} for n in unused
+    ] == [
+        {"turning", "shaking"},
+        {"north"},
+    ]
+    assert not any("`turning`" in note for note in notes["whole"])
