@@ -151,7 +151,7 @@ def test_its_own_test_passes(
         (
             "foo/foo.py",
             "return super().on_configure(state)",
-            'raise ValueError("the gains are missing")',
+            'super().on_configure(state)\n        raise ValueError("the gains are missing")',
             "/obelisk_control_0 did not configure: on_configure: ValueError: the gains are missing",
         ),
         (
