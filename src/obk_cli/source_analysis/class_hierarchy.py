@@ -141,16 +141,16 @@ class Lineage:
 
 def lineage_of(source: ClassSource, library: ModuleLibrary) -> Lineage:
     """The class and everything that it inherits from."""
-    found, is_whole = _collect(source, library, ())
-    # A base shared by several classes comes after all of them, as in Python's own order.
-    last_first = dict.fromkeys(reversed(found))
-    return Lineage(classes=tuple(reversed(last_first)), is_whole=is_whole)
+    classes, is_whole = _order(source, library, ())
+    return Lineage(classes=tuple(classes), is_whole=is_whole)
 
 
-def _collect(
+def _order(
     source: ClassSource, library: ModuleLibrary, below: tuple[ClassSource, ...]
 ) -> tuple[list[ClassSource], bool]:
-    found, is_whole = [source], not source.node.decorator_list
+    """The class and its bases in the order of Python, and whether every base was found."""
+    orders: list[list[ClassSource]] = []
+    is_whole = not source.node.decorator_list
     for base in source.node.bases:
         expression = base.value if isinstance(base, ast.Subscript) else base
         dotted = dotted_name(expression, source.module) or ""
@@ -164,10 +164,20 @@ def _collect(
         if base_source in below or base_source == source:
             is_whole = False
             continue
-        bases, bases_whole = _collect(base_source, library, (*below, source))
-        found += bases
-        is_whole = is_whole and bases_whole
-    return found, is_whole
+        order, base_is_whole = _order(base_source, library, (*below, source))
+        orders.append(order)
+        is_whole = is_whole and base_is_whole
+    return [source, *_merged([*orders, [order[0] for order in orders]])], is_whole
+
+
+def _merged(orders: list[list[ClassSource]]) -> Iterator[ClassSource]:
+    """Merge orders as Python does (C3): each class comes before all that any order has after it."""
+    while orders := [order for order in orders if order]:
+        later = {source for order in orders for source in order[1:]}
+        # Python rejects contradictory orders; the first one then counts.
+        first = next((order[0] for order in orders if order[0] not in later), orders[0][0])
+        yield first
+        orders = [[source for source in order if source != first] for order in orders]
 
 
 def _is_abstract(method: Function, module: Module) -> bool:

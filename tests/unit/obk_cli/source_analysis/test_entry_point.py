@@ -315,6 +315,19 @@ def test_a_method_that_a_branch_of_the_class_defines_is_one() -> None:
     assert not code(f"class Mine(ObeliskController):\n{branches}").missing_methods
 
 
+def test_a_mixin_that_two_bases_share_comes_before_the_class_that_it_completes() -> None:
+    methods = "    def update_x_hat(self, msg): ...\n    def compute_control(self): ...\n"
+    bases = "class First(Mixin, ObeliskController): ...\nclass Second(Mixin): ...\n"
+    found = code(f"class Mixin:\n{methods}{bases}class Mine(First, Second): ...\n")
+    assert not found.missing_methods
+
+
+def test_contradictory_bases_do_not_stop_the_analysis() -> None:
+    bases = "class First(A, B): ...\nclass Second(B, A): ...\n"
+    body = f"class A: ...\nclass B: ...\n{bases}class Mine(First, Second, ObeliskNode): ...\n"
+    assert not code(body).components
+
+
 def test_a_mixin_that_cannot_be_followed_may_implement_the_abstract_methods() -> None:
     assert not code("class Mine(Unknown, ObeliskController):\n    pass\n").missing_methods
     assert code("class Mine(ObeliskController):\n    pass\n").missing_methods
