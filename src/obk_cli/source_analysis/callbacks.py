@@ -43,12 +43,14 @@ class _Passed:
     counts: tuple[int, ...]
     names: tuple[str, ...]
     text: str
+    creator: str
+    """The method that receives the callback; a node's own one may wrap it."""
 
 
 _PASSED: Final[Mapping[ComponentKind, _Passed]] = {
     # rclpy also passes the `MessageInfo` to a callback that takes two arguments.
-    "subscriber": _Passed((1, 2), ("msg",), "with the message"),
-    "timer": _Passed((0,), (), "without arguments"),
+    "subscriber": _Passed((1, 2), ("msg",), "with the message", "create_subscription"),
+    "timer": _Passed((0,), (), "without arguments", "create_timer"),
 }
 
 
@@ -95,7 +97,8 @@ def check_arguments(
         lineage: the node's class.
     """
     passed = _PASSED.get(component.kind)
-    if passed is None:
+    own = [c for c in lineage.classes if not c.is_of_library]
+    if passed is None or any(c.has(passed.creator) for c in own):
         return None
     match callback:
         case ast.Lambda(args=arguments):

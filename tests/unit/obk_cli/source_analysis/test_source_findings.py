@@ -306,6 +306,18 @@ def test_a_callback_must_accept_what_its_component_passes(
     assert (finding.code if finding else None) == ("OBK428" if is_found else None)
 
 
+@pytest.mark.parametrize(
+    ("call", "creator"), [(TIMER, "create_timer"), (SUBSCRIPTION, "create_subscription")]
+)
+def test_a_callback_that_an_own_method_may_wrap_is_not_checked(call: str, creator: str) -> None:
+    wrong = "    def call(self, *, event): ...\n"
+    for method, expected in ((creator, None), ("create_client", "OBK428")):
+        body = node(call) + wrong + f"    def {method}(self, *args, **kwargs): ...\n"
+        (component,) = code(body).components
+        finding = component.wrong_callback
+        assert (finding.code if finding else None) == expected
+
+
 def test_a_callback_of_an_unknown_or_replaced_base_is_not_checked() -> None:
     wrong = "    def call(self, event): ...\n"
     texts = {"package": "from elsewhere import Unknown\n", "elsewhere": "Unknown = make()\n"}
