@@ -29,9 +29,9 @@ def check_base_configure(lineage: Lineage) -> Iterator[Diagnostic]:
     if reached is None or not lineage.is_whole:
         return
     source, function = reached
-    own = [c.module.tree for c in lineage.classes if not c.is_of_library]
-    if any(_CONFIGURE in words_in(tree) for tree in own):
-        return  # a helper, or the `on_configure` of a base class, may run it
+    own = [c for c in lineage.classes if not c.is_of_library]
+    if any(c.node.keywords or _is_named_in(c.module.tree) for c in own):
+        return  # a metaclass, a helper, or the `on_configure` of a base class, may run it
     if has_no_way_to_base(function, lineage):
         yield found(
             "OBK422",
@@ -39,6 +39,12 @@ def check_base_configure(lineage: Lineage) -> Iterator[Diagnostic]:
             span_of(function, source.module.source),
             help=f"call `super().{_CONFIGURE}(state)`, which creates the node's components",
         )
+
+
+def _is_named_in(tree: ast.AST) -> bool:
+    """Whether code uses `on_configure`, also by its name as text."""
+    texts = (n.value for n in ast.walk(tree) if isinstance(n, ast.Constant))
+    return _CONFIGURE in words_in(tree) or _CONFIGURE in texts
 
 
 def has_no_way_to_base(function: Function, lineage: Lineage) -> bool:

@@ -191,6 +191,8 @@ def test_an_on_configure_that_leaves_the_base_out_is_found(body: str, is_found: 
         f"{text}    on_configure = made(on_configure)\n",
         f"{text}{through}",
         "def run(node, state): return ObeliskNode.on_configure(node, state)\n" + text,
+        "RUN = (configure, 'on_configure')\n" + text,
+        text.replace("(Base)", "(Base, metaclass=made)"),
     ):
         assert codes(possible, package=package) == []
 
