@@ -143,7 +143,6 @@ class Rate:
     name: str
     """The timer's key, the absolute topic of a sensor group, or `steps`."""
     expected_hz: float
-    """The expected rate. `expected_hz` is its key on /diagnostics and in JSON output."""
     measured_hz: float
     ticks: int
     """Number of ticks since the activation of the node; the same for `overruns`."""

@@ -294,7 +294,7 @@ class Phase:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StackStateChanged:
-    """The state of the whole stack changed: `inactive`, `activating`."""
+    """The state of the whole stack changed, for example to `inactive` or `activating`."""
 
     state: str
 
