@@ -91,18 +91,21 @@ def _types_of_lost_publishers(stack: Stack, endpoints: Iterable[TopicEndpoint]) 
 
 
 def _dangling(end: TopicEndpoint, near: list[TopicEndpoint], meant: str | None) -> Diagnostic:
-    is_sure = meant in {other.topic for other in near if not _clash(end, other)}
+    """A finding with suggestions; a warning if all of them are of another type."""
+    fitting = {other.topic for other in near if not _clash(end, other)}
     return found(
         "OBK203",
         f"nothing publishes `{end.topic}`, to which `{end.owner}` subscribes",
         end.span,
-        help=_suggestion(end, near),
+        severity=None if fitting else "warning",
+        help=f"{_suggestion(end, near)} If a node outside the stack publishes it, add "
+        f"`external_topics: [{end.topic}]`",
         related=(
             *end.renamed,
             *(Related(message=f"`{o.topic}` is published here", span=o.span) for o in near[:1]),
             *(place for o in near[:1] for place in o.renamed),
         ),
-        fix=respell(end.span, end.topic, meant) if meant and is_sure else (),
+        fix=respell(end.span, end.topic, meant) if meant and meant in fitting else (),
     )
 
 
@@ -181,7 +184,8 @@ def _nearest(end: TopicEndpoint, candidates: Iterable[TopicEndpoint]) -> list[To
     close = [
         (ratio, other)
         for ratio, other in likeness.values()
-        if ratio > 0.8 or (_is_telling(end.msg_type) and may_be_one(end.msg_type, other.msg_type))
+        if (ratio > 0.8 and _is_similar(end.topic, other.topic))
+        or (_is_telling(end.msg_type) and may_be_one(end.msg_type, other.msg_type))
     ]
     return [other for _, other in sorted(close, key=lambda pair: -pair[0])][:_MOST_SHOWN]
 
@@ -194,9 +198,15 @@ def _likeness(one: TopicEndpoint, other: TopicEndpoint) -> float:
     return SequenceMatcher(None, one.topic, other.topic).ratio()
 
 
-def _suggestion(end: TopicEndpoint, near: list[TopicEndpoint]) -> str | None:
-    if not near:
-        return None
+def _is_similar(one: str, other: str) -> bool:
+    """Whether names are similar without their common namespaces: `/x/cmd` is not `/x/imu`."""
+    parts, others = one.split("/"), other.split("/")
+    while parts and others and parts[0] == others[0]:
+        parts, others = parts[1:], others[1:]
+    return SequenceMatcher(None, "/".join(parts), "/".join(others)).ratio() > 0.6
+
+
+def _suggestion(end: TopicEndpoint, near: Iterable[TopicEndpoint]) -> str:
     names = " or ".join(f"`{other.topic}`{_type_of(other, end)}" for other in near)
     return f"did you mean {names}?"
 

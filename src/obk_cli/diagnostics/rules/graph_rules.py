@@ -28,9 +28,9 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a subscriber without a publisher",
         cause="Nothing in the config publishes the topic, so the subscriber would wait forever. "
-        "The finding is an error if the config publishes a topic with a similar name or the same "
-        "Obelisk message type. Other topics are probably published outside the stack, and are "
-        "listed in one warning.",
+        "The finding is an error if the config publishes a topic with the same Obelisk message "
+        "type, or one with a similar name and the same or an unknown type. Other topics are "
+        "probably published outside the stack, and are reported as a warning.",
         fix="Correct the topic, or add it to `external_topics` if a node outside the stack "
         "publishes it.",
     ),
