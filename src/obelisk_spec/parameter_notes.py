@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from obelisk_spec.suggestions import ask_for, list_names, near_names
+from obelisk_spec.suggestions import ask_for, list_names, near_names, with_number
 from obelisk_spec.values import ParameterValue
 
 __all__ = ["ParameterNotes", "parse_notes"]
@@ -36,6 +36,8 @@ class ParameterNotes:
     """Maximum of the value, or of each item in a list; None for no limit."""
     choices: tuple[str, ...] = ()
     """The allowed strings; empty if any is allowed."""
+    length: int | None = None
+    """Number of items in a list; None if any number is allowed, or if read from a descriptor."""
     is_live: bool | None = None
     """Whether a new value takes effect before the next `configure` transition; None if unknown."""
     initial: ParameterValue | None = None
@@ -53,6 +55,8 @@ class ParameterNotes:
             wrong = f"is `{value}`, expected one of {list_names(self.choices)}"
             return f"{wrong}; {hint}" if hint else wrong
         items = value if isinstance(value, list | tuple) else [value]
+        if self.length is not None and len(items) != self.length:
+            return f"has {with_number(len(items), 'item')}, expected {self.length}"
         for item in items:
             if isinstance(item, bool) or not isinstance(item, int | float):
                 continue

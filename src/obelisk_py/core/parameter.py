@@ -79,7 +79,14 @@ class Parameter(Generic[T]):
         self.name = ""
         self._enum: type[Enum] | None = type(default) if isinstance(default, Enum) else None
         choices = () if self._enum is None else tuple(_texts(self._enum))
-        self.notes = ParameterNotes(unit=unit, least=ge, most=le, choices=choices, is_live=live)
+        self.notes = ParameterNotes(
+            unit=unit,
+            least=ge,
+            most=le,
+            choices=choices,
+            length=len(default) if isinstance(default, tuple) else None,
+            is_live=live,
+        )
         """Limits, unit, and when a new value takes effect."""
         self.type = self._type_of_default()
         """The type of the ROS parameter."""
@@ -154,10 +161,7 @@ class Parameter(Generic[T]):
         if parameter.type_ is not self.type:
             kinds = (kind.name.lower() for kind in (parameter.type_, self.type))
             return "`{}` is of type {}, expected {}".format(self.name, *kinds)
-        value = _plain(parameter.value)
-        fault = self.notes.fault(value)
-        if isinstance(self.default, tuple) and len(value) != len(self.default):
-            fault = f"has {with_number(len(value), 'item')}, expected {len(self.default)}"
+        fault = self.notes.fault(_plain(parameter.value))
         return None if fault is None else f"`{self.name}` {fault}"
 
     def value(self, parameter: RosParameter) -> Any:

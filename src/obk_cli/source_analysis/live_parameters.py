@@ -60,13 +60,14 @@ def _declared(name: str, call: ast.Call, module: Module, library: ModuleLibrary)
     given = {keyword.arg: keyword.value for keyword in call.keywords}
     default = call.args[0] if call.args else given.get("default")
     choices = _choices(default, module, library)
+    value = _literal(default, module, library)
     limits = {
         limit: value if is_number(value) else None
         for limit in ("ge", "le")
         for value in (_literal(given.get(limit), module, library),)
     }
     unit = _literal(given.get("unit"), module, library)
-    kind = "string" if choices else kind_of_value(_literal(default, module, library))
+    kind = "string" if choices else kind_of_value(value)
     return CodeParameter(
         name=name,
         kind=kind,
@@ -76,6 +77,7 @@ def _declared(name: str, call: ast.Call, module: Module, library: ModuleLibrary)
             least=limits["ge"],
             most=limits["le"],
             choices=choices,
+            length=len(value) if isinstance(value, tuple) else None,
         ),
     )
 
@@ -93,7 +95,7 @@ def _literal(expression: ast.expr | None, module: Module, library: ModuleLibrary
     except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
         return None
     if isinstance(value, list | tuple) and {type(item) for item in value} == {int, float}:
-        return [float(item) for item in value]
+        return type(value)(float(item) for item in value)
     return value
 
 

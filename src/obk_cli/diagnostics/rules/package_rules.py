@@ -130,9 +130,10 @@ RULES: tuple[Rule, ...] = (
         code="OBK415",
         severity="error",
         title="a parameter value that its declaration does not allow",
-        cause="The node's class declares limits or an enum for this `Parameter`. The node fails "
-        "to start if the config sets a value that they do not allow.",
-        fix="Write an allowed value, or change the limits in the code.",
+        cause="The node's class declares limits or an enum for this `Parameter`, or its default "
+        "is a tuple, which sets the number of items. The node fails to start if the config sets a "
+        "value that the declaration does not allow.",
+        fix="Write an allowed value, or change the declaration in the code.",
     ),
     Rule(
         code="OBK420",

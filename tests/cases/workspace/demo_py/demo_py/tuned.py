@@ -24,6 +24,7 @@ class Tuned(Damped):
     kp = Parameter(20.0, ge=0.0, le=STIFFEST, unit="N m/rad", description="stiffness")
     kd = Parameter(2.0)
     gains = Parameter([1.0, 2.0], ge=0.0)
+    weights = Parameter((50, 1.0, 5.0))
     gait = Parameter(Gait.TROT)
     steps: int = Parameter(3, live=False)
 
