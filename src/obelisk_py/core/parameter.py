@@ -22,7 +22,6 @@ from rclpy.parameter import Parameter as RosParameter
 
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_spec.parameter_notes import ParameterNotes
-from obelisk_spec.suggestions import with_number
 
 __all__ = ["Parameter", "parameters_of"]
 

@@ -22,6 +22,7 @@ from obk_cli.files import explain_os_error
 from obk_cli.launch.event_lines import Journal, JsonReport, LaunchReport
 from obk_cli.launch.events import Ended, OutputEvent, OutputLine
 from obk_cli.launch.process_groups import Unit
+from obk_cli.launch.processes import LOG_PREFIX
 from obk_cli.plan.plan import Plan
 from obk_cli.terminal import plain
 
@@ -37,7 +38,6 @@ __all__ = [
 
 _STDERR: Final = 2
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
-_LOGGED = re.compile(r"\[(?:DEBUG|INFO|WARN|ERROR|FATAL)\] \[[\d.]+\] \[([^\]]*)\]: ")
 _LAST_WORDS = re.compile(r"(/[\w/]+): ")
 _TRACEBACK: Final = "Traceback (most recent call last):"
 _CHAINED: Final = (
@@ -65,7 +65,7 @@ class NodeLines:
         part of a traceback.
         """
         text = _COLOUR.sub("", line)
-        if logged := _LOGGED.match(text):
+        if logged := LOG_PREFIX.match(text):
             self._begin(self._of_logger(logged[1]))
         elif last := _LAST_WORDS.match(text):
             self._begin(self._by_logger.get(last[1].strip("/").replace("/", ".")))

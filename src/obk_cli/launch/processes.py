@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import threading
 import time
@@ -18,7 +19,7 @@ from obk_cli.launch.events import Evidence, OutputLine, ProcessEnded, ProcessSta
 from obk_cli.launch.process_groups import Unit
 from obk_cli.launch.warden_client import WardenClient
 
-__all__ = ["NodeCommand", "ProcessControl", "ProcessEvent", "WardenProcesses"]
+__all__ = ["LOG_PREFIX", "NodeCommand", "ProcessControl", "ProcessEvent", "WardenProcesses"]
 
 LAST_WORDS_S = 1.0
 """Limit for reading the rest of an ended process's output [s]."""
@@ -34,6 +35,8 @@ LONGEST_LINE = 1 << 16
 STACK_SIGNAL = signal.SIGUSR1
 """On this signal, processes of the runtime library write their stacks."""
 NO_WARDEN = "the process that watches over the nodes has exited"
+LOG_PREFIX = re.compile(r"\[(?:DEBUG|INFO|WARN|ERROR|FATAL)\] \[[\d.]+\] \[([^\]]*)\]: ")
+"""What ROS writes before a logged line; the group is the logger's name."""
 
 
 ProcessEvent = ProcessStarted | ProcessEnded
@@ -220,7 +223,7 @@ class WardenProcesses:
             pump.join(LAST_WORDS_S)
         # A copy, because children of the process may still write.
         lines = [line for line in self.last_lines(node) if line.strip()]
-        last = lines[-1].strip() if lines else ""
+        last = LOG_PREFIX.sub("", lines[-1].strip(), count=1) if lines else ""
         return last if len(last) <= LONGEST_REASON else f"{last[:LONGEST_REASON]}..."
 
     def _pump(self, node: str, read_fd: int, lines: deque[str]) -> None:

@@ -110,6 +110,13 @@ def test_the_reason_of_an_exit_is_short(bench: MakeBench) -> None:
     assert 100 < len(ended.text) < 1000
 
 
+def test_the_reason_of_an_exit_has_no_severity_time_and_logger(bench: MakeBench) -> None:
+    line = "[ERROR] [1795949884.700000000] [obelisk]: no [gain]: 1"
+    run = bench({"a": f"import sys; print({line!r}); sys.exit(1)"})
+    run.start("a")
+    assert run.ended() == ProcessEnded(process="/a", code=1, text="no [gain]: 1")
+
+
 def test_the_output_of_a_process_that_has_ended_is_complete(
     bench: MakeBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
