@@ -3,7 +3,7 @@ the maximum age of a robot's commands.
 """
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from math import inf
 
@@ -150,8 +150,8 @@ def check_timers(context: CheckContext) -> Iterator[Diagnostic]:
     for end in context.topology.endpoints:
         if end.direction == "publishes":
             rates[end.topic] = end.rate_hz if end.topic not in rates else None
-    # A period that `check_outliers` reports would make every timer after it look too fast.
-    reported = {1 / outlier.period.value for outlier in _outliers(context)}
+    # A wrong period would make every timer after it look too fast.
+    reported = {1 / period_s for period_s in _reported_periods_s(context)}
     for node, endpoints in context.topology.by_node:
         inputs = [rates.get(end.topic) for end in endpoints if end.direction == "subscribes"]
         known = [rate for rate in inputs if rate is not None]
@@ -174,15 +174,28 @@ def _check_node_timers(node: Node, fastest_hz: float) -> Iterator[Diagnostic]:
 def check_periods(context: CheckContext) -> Iterator[Diagnostic]:
     """Check that no period is so long that it is probably a rate."""
     for node in context.stack.nodes:
-        for name, period in _periods(node):
-            if _LEAST_RATE <= period.value <= _MOST_RATE:
+        for name, period, is_loop in _named_periods(node):
+            period_s = period.value
+            if _looks_like_rate(period_s):
                 yield found(
                     "OBK216",
-                    f"{name} every {period.value:g} s",
+                    f"{name} every {period_s:g} s",
                     period.span,
-                    help=f"periods are in seconds; for {period.value:g} Hz write "
-                    f"{1 / period.value:g}",
+                    severity=None if is_loop else "info",
+                    help=f"periods are in seconds; write {1 / period_s:g} if {period_s:g} Hz was "
+                    f"meant, or {period_s / _OUTLIER:g} if {period_s:g} ms was meant",
                 )
+
+
+def _looks_like_rate(period_s: float) -> bool:
+    return _LEAST_RATE <= period_s <= _MOST_RATE
+
+
+def _reported_periods_s(context: CheckContext) -> frozenset[float]:
+    """The periods [s] that `check_periods` or `check_outliers` reports as probably wrong."""
+    periods = (one[1].value for node in context.stack.nodes for one in _named_periods(node))
+    outliers = (outlier.period.value for outlier in _outliers(context))
+    return frozenset((*filter(_looks_like_rate, periods), *outliers))
 
 
 def check_outliers(context: CheckContext) -> Iterator[Diagnostic]:
@@ -229,10 +242,6 @@ def _outliers(context: CheckContext) -> Iterator[_Outlier]:
             yield _Outlier(name=name, period=period, others=others, is_loop=is_loop)
 
 
-def _periods(node: Node) -> Iterator[tuple[str, Spanned[float]]]:
-    return ((name, period) for name, period, _ in _named_periods(node))
-
-
 def _named_periods(node: Node) -> Iterator[tuple[str, Spanned[float], bool]]:
     """Subject and verb of each periodic action, its period, and whether it belongs to the loop.
 
@@ -260,6 +269,7 @@ def check_watchdogs(context: CheckContext) -> Iterator[Diagnostic]:
             else:
                 yield _nothing_to_watch(component, node)
     senders = _senders(context.stack) if watched else {}
+    reported = _reported_periods_s(context) if watched else ()
     for component, node in watched:
         if not _has_age(component):
             yield _no_age(component)
@@ -267,7 +277,8 @@ def check_watchdogs(context: CheckContext) -> Iterator[Diagnostic]:
         yield from _check_action(component, node, context.environment)
         if component.max_age_s is not None and component.topic is not None:
             topic = absolute_topic(component.topic.value, node)
-            yield from _check_age(component.max_age_s, topic, senders)
+            periods = [one for one in senders.get(topic, ()) if one.value not in reported]
+            yield from _check_age(component.max_age_s, topic, periods)
 
 
 def _obeys(component: Component, node: Node) -> bool:
@@ -354,8 +365,10 @@ def _senders(stack: Stack) -> Senders:
     return periods
 
 
-def _check_age(age: Spanned[float], topic: str, senders: Senders) -> Iterator[Diagnostic]:
-    for period in senders.get(topic, ()):
+def _check_age(
+    age: Spanned[float], topic: str, periods: Iterable[Spanned[float]]
+) -> Iterator[Diagnostic]:
+    for period in periods:
         if age.value < _LEAST_AGE_PERIODS * period.value * (1 - 1e-9):
             yield found(
                 "OBK213",

@@ -133,10 +133,11 @@ RULES: tuple[Rule, ...] = (
     ),
     Rule(
         code="OBK216",
-        severity="info",
+        severity="warning",
         title="a period that looks like a rate",
         cause="Periods are in seconds. Periods of 10 s or more are unusual for a loop or a sensor; "
-        "`500` often stands for 500 Hz.",
+        "`500` often stands for 500 Hz or 500 ms. For a custom timer, which may be slow on "
+        "purpose, the finding is info-level.",
         fix="Write the period, such as `0.002` for 500 Hz. Silence the rule if the long period is "
         "intended.",
     ),
