@@ -1,4 +1,4 @@
-"""OBK405 to OBK410, OBK412, OBK415, OBK420 to OBK428: compare Python nodes with their config."""
+"""OBK405 to OBK410, OBK412, OBK415, OBK420 to OBK429: compare Python nodes with their config."""
 
 from collections.abc import Iterator, Sequence
 from difflib import SequenceMatcher

@@ -19,6 +19,7 @@ from obk_cli.source_analysis.imports import (
     check_imports,
     imported_modules,
 )
+from obk_cli.source_analysis.live_parameters import check_assignments
 from obk_cli.source_analysis.modules import (
     Definition,
     LoadModule,
@@ -205,7 +206,15 @@ def _node_code(
         missing_methods=tuple(lineage.missing_methods()),
         control_lengths=tuple(control_lengths(lineage, library)),
         key_uses=tuple(key_uses(lineage, library)),
-        findings=(*faults, *without_base, *configure, *found.invalid.values(), *callbacks, *waits),
+        findings=(
+            *faults,
+            *without_base,
+            *configure,
+            *check_assignments(lineage, found.parameters.values()),
+            *found.invalid.values(),
+            *callbacks,
+            *waits,
+        ),
         can_damp=lineage.can_damp,
         words=frozenset(_words(lineage)),
         is_run_by_library=spun.by_library,

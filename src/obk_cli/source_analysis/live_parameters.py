@@ -1,13 +1,17 @@
-"""Read what a node's classes declare with `Parameter` in their bodies: types, limits, units."""
+"""Read what a node's classes declare with `Parameter` in their bodies: types, limits, units.
+
+OBK429: methods that assign to one of these.
+"""
 
 import ast
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
 from obelisk_spec.parameter_notes import ParameterNotes
 from obelisk_spec.values import is_number
 from obk_cli.config.environment import CodeParameter, kind_of_value
-from obk_cli.source_analysis.class_hierarchy import Lineage
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
+from obk_cli.source_analysis.class_hierarchy import Function, Lineage
 from obk_cli.source_analysis.modules import (
     Module,
     ModuleLibrary,
@@ -16,7 +20,7 @@ from obk_cli.source_analysis.modules import (
     span_of,
 )
 
-__all__ = ["class_parameters"]
+__all__ = ["check_assignments", "class_parameters"]
 
 PARAMETER_CLASS: Final = "obelisk_py.core.parameter.Parameter"
 _NAME: Final = "Parameter"
@@ -27,7 +31,7 @@ def class_parameters(
     lineage: Lineage, library: ModuleLibrary
 ) -> tuple[Mapping[str, CodeParameter], bool]:
     """The parameters by name, and whether they are complete; a constant overrides a base's."""
-    found: dict[str, CodeParameter] = {}
+    declared: dict[str, CodeParameter] = {}
     are_all = True
     for source in reversed(lineage.classes):
         for statement in at_top_level(source.node.body):
@@ -40,12 +44,49 @@ def class_parameters(
                     continue
             called = _called(value, source.module)
             if called == PARAMETER_CLASS and isinstance(value, ast.Call):
-                found[name] = _declared(name, value, source.module, library)
+                declared[name] = _declared(name, value, source.module, library)
             else:
-                found.pop(name, None)
+                declared.pop(name, None)
                 # The import fails, which is reported separately.
                 are_all &= called.rpartition(".")[2] != _NAME
-    return found, are_all
+    return declared, are_all
+
+
+def check_assignments(
+    lineage: Lineage, parameters: Iterable[CodeParameter]
+) -> Iterator[Diagnostic]:
+    """Report `self.name = ...` for each name that is declared with `Parameter`."""
+    declared = {one.name: one for one in parameters if one.notes is not None}
+    for source in lineage.classes if declared else ():
+        for method in () if source.is_of_library else source.methods():
+            for node in _assigned(method):
+                if node.attr in declared:
+                    yield _assignment(node, declared[node.attr], source.module)
+
+
+def _assigned(method: Function) -> Iterator[ast.Attribute]:
+    """The attributes that a method assigns to its first argument."""
+    self_name = next((a.arg for a in (*method.args.posonlyargs, *method.args.args)), None)
+    rest: list[ast.AST] = [] if method.decorator_list else list(method.body)
+    while rest:
+        node = rest.pop(0)
+        match node:
+            case ast.ClassDef() | ast.FunctionDef() | ast.AsyncFunctionDef() | ast.Lambda():
+                continue  # may have a `self` of its own
+            case ast.Attribute(value=ast.Name(id=name), ctx=ast.Store()) if name == self_name:
+                yield node
+        rest += ast.iter_child_nodes(node)
+
+
+def _assignment(node: ast.Attribute, parameter: CodeParameter, module: Module) -> Diagnostic:
+    name = parameter.name
+    return found(
+        "OBK429",
+        f"this assignment does not set the ROS parameter `{name}`",
+        span_of(node, module.source),
+        help="use another name, or `self.set_parameters([...])`",
+        related=(Related(message="the parameter", span=parameter.span),),
+    )
 
 
 def _called(value: ast.expr, module: Module) -> str:

@@ -220,4 +220,14 @@ RULES: tuple[Rule, ...] = (
         fix="Declare the callback of a timer as `def name(self)`, and that of a subscription as "
         "`def name(self, msg)`.",
     ),
+    Rule(
+        code="OBK429",
+        severity="warning",
+        title="an assignment to a parameter",
+        cause="`self.gain = 2.0` changes only the attribute of a `Parameter`. `obk param get`, "
+        "recordings and `obk param save` keep the value of the ROS parameter, and the next "
+        "`obk param set` replaces the assigned one.",
+        fix="Store the value under another name. To change the parameter itself, call "
+        "`self.set_parameters`.",
+    ),
 )

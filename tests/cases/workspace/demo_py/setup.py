@@ -28,6 +28,7 @@ setup(
             "third = demo_py.generations:third",
             "third_controller = demo_py.generations:controller",
             "tuned = demo_py.tuned:main",
+            "assigned = demo_py.assigned:main",
             "unfinished = demo_py.unfinished:main",
             "untyped = demo_py.untyped:main",
             "without_base = demo_py.without_base:main",

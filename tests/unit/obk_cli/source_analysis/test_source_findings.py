@@ -68,6 +68,29 @@ def test_certain_failures_are_found_once(body: str, expected: list[str]) -> None
     assert codes(body, package="kept = 1\n") == expected
 
 
+TUNED = (
+    "from obelisk_py.core.parameter import Parameter\n"
+    "class Mine(ObeliskNode):\n    kp = Parameter(1.0)\n    def f(self, other):\n        "
+)
+
+
+@pytest.mark.parametrize(
+    ("statement", "count"),
+    [
+        ("self.kp = 2.0", 1),
+        ("self.kp += 2.0", 1),
+        ("self.kp: float = 2.0", 1),
+        ("self.ki, self.kp = 2.0, self.kp", 1),
+        ("self.ki = self.kp", 0),
+        ("other.kp = 2.0", 0),
+        ("self.kp.x = self.x[self.kp] = 2.0", 0),
+        ("class Own:\n            def g(self):\n                self.kp = 2.0", 0),
+    ],
+)
+def test_an_assignment_to_a_parameter_is_found(statement: str, count: int) -> None:
+    assert codes(TUNED + statement + "\n") == ["OBK429"] * count
+
+
 def test_without_ros_one_info_replaces_the_errors_of_its_imports() -> None:
     body = (
         "import rclpy\nimport std_msgs.msg\nfrom lidar_msgs.msg import Turn\nimport tf2_ros\n"
