@@ -2,6 +2,8 @@
 
 import gc
 import json
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -399,3 +401,24 @@ def test_obk_param_reports_the_outcome() -> None:
         listed = json.loads(output("list", "tuned", "--format", "json"))["/tuned"]
         assert listed["gait"]["choices"] == ["walk", "stand"]
         assert (listed["horizon"]["live"], listed["params_path"]["live"]) == (False, None)
+
+
+def test_a_parameter_read_before_the_base_constructor_is_named_with_its_location() -> None:
+    program = (
+        "from obelisk_py.core.node import ObeliskNode\n"
+        "from obelisk_py.core.parameter import Parameter\n"
+        "from obelisk_py.core.utils.ros import spin_obelisk\n"
+        "class Arm(ObeliskNode):\n"
+        "    mass = Parameter(5.0)\n"
+        "    def __init__(self):\n"
+        "        self.weight = 9.81 * self.mass\n"
+        "        super().__init__('arm')\n"
+        "spin_obelisk([], Arm)\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == 1
+    for part in ("`mass`", "`super().__init__(...)`", "<string>:7"):
+        assert part in ended.stderr
+    assert "Traceback" not in ended.stderr

@@ -1,6 +1,7 @@
 """Run one Obelisk node as a process, or take it through its lifecycle in a test."""
 
 import sys
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, Literal
@@ -8,8 +9,9 @@ from typing import Any, Literal
 from rclpy.executors import Executor
 from rclpy.lifecycle import TransitionCallbackReturn
 
-from obelisk_py.core.exceptions import ObeliskError
+from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
+from obelisk_py.core.parameter import parameters_of
 from obelisk_py.core.spinning import SpinRequest, serve_spin_request
 
 __all__ = ["run_transitions", "spin_obelisk"]
@@ -43,12 +45,28 @@ def spin_obelisk(
     code = serve_spin_request(
         SpinRequest(
             args=tuple(sys.argv if args is None else args),
-            make=partial(node_type, **(node_kwargs or {})),
+            make=partial(_create, node_type, node_kwargs or {}),
             executor_type=executor_type,
         )
     )
     if code:
         sys.exit(code)
+
+
+def _create(
+    node_type: Callable[..., GuardedLifecycleNode], node_kwargs: Mapping[str, Any]
+) -> GuardedLifecycleNode:
+    """Create a node, and explain why one of its parameters has no value yet."""
+    try:
+        return node_type(**node_kwargs)
+    except AttributeError as error:
+        if error.name not in parameters_of(type(error.obj)):
+            raise
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        raise ObeliskConfigError(
+            f"the parameter `{error.name}` has no value before `super().__init__(...)`; use it "
+            f"after that call ({place.filename}:{place.lineno})"
+        ) from error
 
 
 def run_transitions(node: GuardedLifecycleNode, *transitions: Transition) -> None:
