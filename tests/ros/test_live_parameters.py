@@ -205,7 +205,10 @@ def test_a_failing_on_parameters_takes_the_node_to_error_processing() -> None:
 
     with spinning(Failing) as node:
         activate(node)
-        ask_each(node, message("kp", 1.0))
+        ((is_set, reason),) = ask_each(node, message("kp", 1.0))
+        assert is_set
+        assert reason.startswith("set, but")
+        assert "no gains for ['kp']" in reason
         eventually(lambda: node.state_label == "unconfigured", "error processing")
         assert str(node.last_fault) == "on_parameters: no gains for ['kp']"
 

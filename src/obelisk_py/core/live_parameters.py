@@ -26,7 +26,10 @@ __all__ = ["IN_EFFECT", "LiveParameters"]
 IN_EFFECT: Final = "in effect"
 STORED: Final = "stored; takes effect at the next `configure` transition"
 WAITS: Final = "accepted; takes effect when no callback of the node is running"
+FAILED: Final = "set, but `on_parameters` failed"
 """The `reason` in the reply when a value is accepted; tools show it verbatim."""
+_REPORT: Final = "on_parameters"
+"""Where a node fails that cannot use its new values."""
 _CONFIGURED: Final = ("inactive", "active")
 
 
@@ -96,7 +99,12 @@ class LiveParameters:
         with self._changing:
             if name in self._for_configure:
                 return STORED
-            return WAITS if name in self._waiting else IN_EFFECT
+            if name in self._waiting:
+                return WAITS
+        fault = self._node.last_fault
+        if self._node.is_failing() and fault is not None and fault.where == _REPORT:
+            return f"{FAILED}: {fault.text}"
+        return IN_EFFECT
 
     def configure(self) -> None:
         """Apply the values stored for this `configure` transition."""
@@ -228,4 +236,4 @@ class LiveParameters:
         try:
             node.on_parameters(changed)
         except Exception as error:
-            node.fail(error, "on_parameters")
+            node.fail(error, _REPORT)

@@ -153,7 +153,8 @@ def set_(
     """Set a parameter, and report when the value takes effect.
 
     VALUE is parsed as in a ROS parameter file, then converted to the parameter's type: for a
-    double, 1 means 1.0. Exit code 1 if the node rejects the value; its reason is shown.
+    double, 1 means 1.0. Exit code 1 if the node rejects the value or fails because of it; its
+    reason is shown.
     """
     parse_parameter(value)
     with _open_parameters(node, domain, timeout) as opened:

@@ -99,7 +99,7 @@ def set_parameter(parameters: "Parameters", node: str, name: str, text: str) -> 
 
     Raises:
         MisuseError: the text is not a valid parameter value.
-        CommandFailedError: the node rejects the value, or does not answer.
+        CommandFailedError: the node rejects the value, fails because of it, or does not answer.
     """
     given = parse_parameter(text)
     before = parameters.values((name,))[name]
@@ -115,6 +115,11 @@ def set_parameter(parameters: "Parameters", node: str, name: str, text: str) -> 
             help=f"its type is {kind}, its value: {value_text(before)}"
             if kind not in (after.kind, NOT_SET)
             else None,
+        )
+    if answer.has_failed:
+        raise CommandFailedError(
+            f"{node}: {name} = {value_text(after)} is {escaped(answer.reason)}",
+            help=f"its value before: {value_text(before)}",
         )
     return ChangedParameter(
         name=name,

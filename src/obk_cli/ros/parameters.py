@@ -50,6 +50,8 @@ _WRONG_TYPE: Final = "Wrong parameter type"
 """Prefix of the reason that rclpy and rclcpp give, followed by details of their own code."""
 _WAITING: Final = "accepted"
 """Prefix of the reason if a value is not in effect yet; see `LiveParameters` in `obelisk_py`."""
+_FAILED: Final = "set, but"
+"""Prefix of the reason if the node failed because of the new value; from there too."""
 _SWITCHES: Final = {"on": True, "yes": True, "off": False, "no": False}
 """Words that ROS parameter files treat as booleans."""
 
@@ -91,6 +93,11 @@ class SetAnswer:
     def is_waiting(self) -> bool:
         """Whether the value takes effect only after running callbacks have ended."""
         return self.successful and self.reason.startswith(_WAITING)
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether the value is set, but the node failed because of it."""
+        return self.successful and self.reason.startswith(_FAILED)
 
 
 def parse_parameter(text: str) -> NodeParameter:
