@@ -20,10 +20,22 @@ from obelisk_spec.values import (
     is_whole,
 )
 
-__all__ = ["DEFAULT_STEPS_PER_VIZ", "SimFault", "SimPath", "check_sim_shape"]
+__all__ = [
+    "CLOCK_RATE",
+    "DEFAULT_STEPS_PER_VIZ",
+    "REALTIME_FACTOR",
+    "SimFault",
+    "SimPath",
+    "check_sim_shape",
+    "parameter_fault",
+]
 
 DEFAULT_STEPS_PER_VIZ: Final = 8
 """Default of `num_steps_per_viz`."""
+REALTIME_FACTOR: Final = "realtime_factor"
+"""The parameter with the simulated time per wall time; 0 for as fast as possible."""
+CLOCK_RATE: Final = "clock_rate"
+"""The parameter with the maximum rate of `/clock` [Hz of simulated time]."""
 
 SimPath = tuple[str | int, ...]
 """Keys and indexes into the sim block, or into the node's parameters if it starts with `params`."""
@@ -104,6 +116,18 @@ _GROUP: tuple[_Rule, ...] = (
     ("delay", False, _is_delay, _DELAY),
     ("seed", False, _is_seed, f"a whole number from 0 to {LARGEST_COUNT}"),
 )
+
+
+def parameter_fault(name: str, value: object) -> str | None:
+    """Why the value of one of the simulator's ROS parameters is invalid; None if it may be valid.
+
+    Only `REALTIME_FACTOR` and `CLOCK_RATE` are checked.
+    """
+    if name == REALTIME_FACTOR and not is_number(value, 0):
+        return f"`{name}` is {value!r}, expected a number above 0, or 0 for as fast as possible"
+    if name == CLOCK_RATE and not (is_number(value) and value > 0):
+        return f"`{name}` is {value!r}, expected a number above 0 [Hz]"
+    return None
 
 
 def check_sim_shape(block: Mapping[str, Any]) -> tuple[SimFault, ...]:

@@ -8,6 +8,7 @@ from typing import Final
 
 from obelisk_spec.names import resolve_msg_type
 from obelisk_spec.onnx_policy import TERMS, observation_size
+from obelisk_spec.sim_block import parameter_fault
 from obelisk_spec.sim_checks import SimFault, check_sim
 from obelisk_spec.suggestions import did_you_mean, list_names, with_article, with_number
 from obk_cli.check.context import CheckContext, code_of
@@ -75,6 +76,7 @@ def check_sim_blocks(context: CheckContext) -> Iterator[Diagnostic]:
             )
         else:
             yield from _check_given(node)
+            yield from _check_parameters(node)
 
 
 def _check_twice(node: Node) -> Iterator[Diagnostic]:
@@ -112,6 +114,13 @@ def _check_given(node: Node) -> Iterator[Diagnostic]:
             other.span,
             help="remove `ros_parameter`",
         )
+
+
+def _check_parameters(node: Node) -> Iterator[Diagnostic]:
+    for parameter in node.params:
+        fault = parameter_fault(parameter.name, parameter.value)
+        if fault is not None:
+            yield found("OBK103", fault, parameter.span)
 
 
 def check_models(context: CheckContext) -> Iterator[Diagnostic]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from obelisk_spec.runtime_protocol import USE_SIM_TIME
+from obelisk_spec.sim_block import REALTIME_FACTOR
 from obk_cli.errors import CommandFailedError
 from obk_cli.plan.plan import Plan, PlannedNode
 from obk_cli.ros.parameters import NodeParameter
@@ -13,15 +14,11 @@ from obk_cli.runs.lifecycle import ACTIVE, INACTIVE
 from obk_cli.runs.protocol import NodeStatus
 
 __all__ = [
-    "REALTIME_FACTOR",
     "PlannedTopic",
     "RealtimeFactors",
     "planned_topics",
     "simulated_robots",
 ]
-
-REALTIME_FACTOR: Final = "realtime_factor"
-"""The parameter for simulated time over wall time; 0: as fast as possible."""
 
 AskFactor = Callable[[str], NodeParameter]
 """Queries a node (full name) for the parameter; raises CommandFailedError without an answer."""

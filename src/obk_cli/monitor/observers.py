@@ -10,11 +10,11 @@ from typing import Final
 import psutil
 
 from obelisk_spec.runtime_protocol import CLOCK_TOPIC, USE_SIM_TIME
+from obelisk_spec.sim_block import REALTIME_FACTOR
 from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.graph_source import LauncherParameters
 from obk_cli.launch.transitions import UNKNOWN
 from obk_cli.monitor.expected_topics import (
-    REALTIME_FACTOR,
     PlannedTopic,
     RealtimeFactors,
     planned_topics,

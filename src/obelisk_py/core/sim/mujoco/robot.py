@@ -44,10 +44,8 @@ from obelisk_py.core.sim.mujoco.outputs import (
 )
 from obelisk_py.core.sim.mujoco.sensors.kind import WORLD
 from obelisk_py.core.sim.mujoco.sim_config import (
-    CLOCK_RATE,
     DEFAULT_CLOCK_RATE_HZ,
     PARAMETER,
-    REALTIME_FACTOR,
     clock_rate_hz_of,
     read_block,
     realtime_factor_of,
@@ -74,6 +72,7 @@ from obelisk_py.core.sim.mujoco.viewers.viewer_requests import Report
 from obelisk_spec.control_socket import report_page
 from obelisk_spec.page_access import new_token
 from obelisk_spec.runtime_protocol import STEPS, USE_SIM_TIME
+from obelisk_spec.sim_block import CLOCK_RATE, REALTIME_FACTOR
 from obelisk_spec.video import VideoStatus
 
 __all__ = ["ObeliskMujocoRobot", "StateCopy", "TrueStateReader"]

@@ -4,7 +4,6 @@ The inputs are ROS parameters and facts about the model. The outputs are all fin
 and a frozen `SimConfig`. Findings and their wording are the same as those of `obk validate`.
 """
 
-import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -17,16 +16,20 @@ from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS
 from obelisk_spec.components import DEFAULT_HISTORY_DEPTH, SettingTextError, parse_mapping
 from obelisk_spec.model import ModelFacts
 from obelisk_spec.names import bare_name
-from obelisk_spec.sim_block import DEFAULT_STEPS_PER_VIZ, check_sim_shape
+from obelisk_spec.sim_block import (
+    CLOCK_RATE,
+    DEFAULT_STEPS_PER_VIZ,
+    REALTIME_FACTOR,
+    check_sim_shape,
+    parameter_fault,
+)
 from obelisk_spec.sim_checks import check_sim
 from obelisk_spec.suggestions import with_article
 from obelisk_spec.values import PERIOD_RANGE, is_none, is_period
 
 __all__ = [
-    "CLOCK_RATE",
     "DEFAULT_CLOCK_RATE_HZ",
     "PARAMETER",
-    "REALTIME_FACTOR",
     "SensorGroupConfig",
     "SimConfig",
     "clock_rate_hz_of",
@@ -40,8 +43,6 @@ __all__ = [
 PARAMETER: Final = "mujoco_setting"
 """The ROS parameter with the `sim` block."""
 _DEFAULT_GEOMS_PERIOD_S: Final = 1.0
-REALTIME_FACTOR: Final = "realtime_factor"
-CLOCK_RATE: Final = "clock_rate"
 DEFAULT_CLOCK_RATE_HZ: Final = 1000.0
 
 
@@ -174,16 +175,7 @@ def realtime_factor_of(value: object) -> float:
     Raises:
         ObeliskConfigError: the value is invalid.
     """
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ObeliskConfigError(
-            f"the parameter `{REALTIME_FACTOR}` is {value!r}, expected a number"
-        )
-    if not (math.isfinite(value) and value >= 0):
-        raise ObeliskConfigError(
-            f"the parameter `{REALTIME_FACTOR}` is {value:g}, expected a number above 0, or 0 "
-            "for as fast as possible"
-        )
-    return float(value)
+    return _checked(REALTIME_FACTOR, value)
 
 
 def clock_rate_hz_of(value: object) -> float:
@@ -192,8 +184,11 @@ def clock_rate_hz_of(value: object) -> float:
     Raises:
         ObeliskConfigError: the value is invalid.
     """
-    if isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf:
-        return float(value)
-    raise ObeliskConfigError(
-        f"the parameter `{CLOCK_RATE}` is {value!r}, expected a number above 0 [Hz]"
-    )
+    return _checked(CLOCK_RATE, value)
+
+
+def _checked(name: str, value: object) -> float:
+    fault = parameter_fault(name, value)
+    if fault is not None or not isinstance(value, int | float):
+        raise ObeliskConfigError(f"the parameter {fault}")
+    return float(value)
