@@ -125,15 +125,17 @@ def test_after_gains_a_message_without_them_counts_again():
         ({"kd": [2e10, 0.0]}, "`kd[0]` is 2e+10"),
         (
             {"joint_names": ["hip", "ankle"]},
-            "`joint_names` does not match the joints that the model drives: `knee`, `hip`",
+            "`joint_names` is `hip`, `ankle`, but the model drives `knee`, `hip`: missing `knee`, "
+            "not expected `ankle`",
         ),
         (
             {"joint_names": ["hip", "hip"]},
-            "`joint_names` does not match the joints that the model drives: `knee`, `hip`",
+            "`joint_names` is `hip`, `hip`, but the model drives `knee`, `hip`: missing `knee`, "
+            "not expected `hip`",
         ),
         (
             {"joint_names": ["hip"]},
-            "`joint_names` does not match the joints that the model drives: `knee`, `hip`",
+            "`joint_names` is `hip`, but the model drives `knee`, `hip`: missing `knee`",
         ),
     ],
 )

@@ -8,6 +8,7 @@ Source: https://mujoco.readthedocs.io/en/stable/computation/index.html (actuatio
 force = gain * ctrl + b0 + b1 * length + b2 * velocity, for a fixed gain and an affine bias.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -15,6 +16,8 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+
+from obelisk_spec.suggestions import list_names
 
 __all__ = [
     "BRAKING_TIME_S",
@@ -221,9 +224,20 @@ class JointTorques:
         """Return the index of each actuator's joint in the message, or the reason to reject it."""
         if not names:
             return np.arange(len(self._joints))
-        if sorted(names) != sorted(self._names):
-            listed = ", ".join(f"`{name}`" for name in self._names)
-            return f"`joint_names` does not match the joints that the model drives: {listed}"
+        received, expected = Counter(names), Counter(self._names)
+        if received != expected:
+            differences = (
+                f"{what} {list_names(found)}"
+                for what, found in (
+                    ("missing", expected - received),
+                    ("not expected", received - expected),
+                )
+                if found
+            )
+            return (
+                f"`joint_names` is {list_names(names)}, but the model drives "
+                f"{list_names(self._names)}: {', '.join(differences)}"
+            )
         places = {name: place for place, name in enumerate(names)}
         return np.array([places[name] for name in self._names], dtype=np.intp)
 
