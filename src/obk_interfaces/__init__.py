@@ -24,6 +24,7 @@ from obk_interfaces.package import (
     definition_files,
     discover,
     load_package,
+    missing_definitions,
     order_by_dependency,
 )
 from obk_interfaces.prefix import Prefixes, find_ros_prefix, remove_package
@@ -51,6 +52,7 @@ __all__ = [
     "discover",
     "find_ros_prefix",
     "load_package",
+    "missing_definitions",
     "order_by_dependency",
     "remove_package",
 ]

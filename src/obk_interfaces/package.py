@@ -28,6 +28,7 @@ __all__ = [
     "definition_files",
     "discover",
     "load_package",
+    "missing_definitions",
     "order_by_dependency",
     "read_depends",
 ]
@@ -45,6 +46,7 @@ _USED_TYPE = re.compile(r"^\s*([a-z]\w*)/(?:msg/)?[A-Z]", re.MULTILINE)
 _CMAKE_COMMENT = re.compile(r"#\[(=*)\[.*?\]\1\]|#[^\n]*", re.DOTALL)
 _CMAKE_CALL = re.compile(r"\b([A-Za-z_]\w*)\s*\(([^()]*)\)")
 _CMAKE_VARIABLE = re.compile(r"\$\{(\w+)\}")
+_CMAKE_DEFINITION = re.compile(r"(msg|srv|action)/\w+\.\1")
 _CMAKE_OPTIONS = frozenset({"ADD_LINTER_TESTS", "LIBRARY_NAME", "SKIP_GROUP_MEMBERSHIP_CHECK"})
 _IGNORE_MARKERS = ("COLCON_IGNORE", "AMENT_IGNORE")
 
@@ -156,12 +158,30 @@ def _depends_elsewhere(root: Path, interfaces: Iterable[Interface]) -> frozenset
     files = (root / interface.file for interface in interfaces)
     texts = (file.read_text(encoding="utf-8", errors="replace") for file in files)
     used = {name for text in texts for name in _USED_TYPE.findall(text)}
-    try:
-        cmake = (root / "CMakeLists.txt").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        cmake = ""
-    found, generated = _cmake_depends(cmake)
+    found, generated = _cmake_depends(_cmake_text(root))
     return generated | (used & (found | _STANDARD))
+
+
+def _cmake_text(root: Path) -> str:
+    try:
+        return (root / "CMakeLists.txt").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
+
+
+def missing_definitions(root: Path) -> tuple[str, ...]:
+    """Return the definitions in a package's CMakeLists.txt that do not exist: `msg/Gone.msg`.
+
+    CMake cannot build the package with them. Names with variables are not checked.
+    """
+    text = _cmake_text(root)
+    return tuple(
+        word
+        for command, words in cmake_calls(text)
+        if command == "rosidl_generate_interfaces"
+        for word in words
+        if _CMAKE_DEFINITION.fullmatch(word) and word in text and not (root / word).exists()
+    )
 
 
 def _cmake_depends(text: str) -> tuple[frozenset[str], frozenset[str]]:

@@ -40,6 +40,7 @@ from obk_interfaces import (
     digest_of,
     find_ros_prefix,
     load_package,
+    missing_definitions,
     order_by_dependency,
     remove_package,
 )
@@ -386,7 +387,10 @@ def build_workspace(
     reported = callbacks or BuildCallbacks()
     colcon = find_colcon(options.environment)
     survey = survey_of(workspace, options.environment)
-    _check(survey, options)
+    for one in _check(survey, options):
+        for file in missing_definitions(one.package.root):
+            cmake = one.package.root / "CMakeLists.txt"
+            reported.on_note(f"warning: {cmake} names `{file}`, which does not exist")
     if _has_nothing_to_do(survey, options, colcon):
         return _outcome(survey, (), started)
     with build_lock(workspace, reported.on_note):

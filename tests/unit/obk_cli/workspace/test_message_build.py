@@ -69,6 +69,26 @@ def test_colcon_builds_with_a_sourced_ros_and_is_reported(
     assert (record["builder"], list(record["packages"])) == ("colcon", ["my_msgs"])
 
 
+def test_a_definition_that_only_cmake_names_is_reported(
+    workspace: Path, sourced: dict[str, str]
+) -> None:
+    notes: list[str] = []
+    (package,) = workspace.rglob("*.msg")
+    cmake = package.parents[1] / "CMakeLists.txt"
+    cmake.write_text(
+        "rosidl_generate_interfaces(${PROJECT_NAME}\n"
+        f'  "msg/{package.name}"  # "msg/Old.msg"\n'
+        '  "msg/Gone.msg" "msg/${WHICH}Kind.msg" "${WHERE}/msg/Far.msg"\n'
+        "  DEPENDENCIES std_msgs)\n"
+    )
+    build_workspace(
+        workspace, BuildOptions(environment=sourced), BuildCallbacks(on_note=notes.append)
+    )
+    found = [note for note in notes if str(cmake) in note]
+    assert len(found) == 1
+    assert "`msg/Gone.msg`" in found[0]
+
+
 def test_for_a_launch_colcon_builds_stale_messages_only(
     workspace: Path, sourced: dict[str, str]
 ) -> None:
