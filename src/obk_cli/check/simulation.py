@@ -1,6 +1,6 @@
 """OBK108, OBK3xx: `sim` blocks and policies against their models, control messages, actuators."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -239,6 +239,9 @@ def _text(tree: Tree) -> str | None:
     return tree.value if isinstance(tree, TreeScalar) and isinstance(tree.value, str) else None
 
 
+_Controllers = Mapping[str, Sequence[tuple[Node, NodeFacts]]]
+"""Topic -> the controllers with readable code that publish commands only to it."""
+_WITH_GAINS = "obelisk_control_msgs/msg/PDFeedForward"
 _WITHOUT_ACTUATORS = (
     "obelisk_control_msgs/msg/VelocityCommand",
     "obelisk_control_msgs/msg/ExecutionFSM",
@@ -257,6 +260,7 @@ def check_controls(context: CheckContext) -> Iterator[Diagnostic]:
                 continue
             if robot.is_simulator:
                 yield from _check_message(component)
+                yield from _check_gains(robot, component, controllers, context.environment)
             for place, fault in _check_lengths(robot, component, controllers, context.environment):
                 if place not in reported:  # another robot may have the same controller
                     reported.add(place)
@@ -278,10 +282,7 @@ def _check_message(component: Component) -> Iterator[Diagnostic]:
         )
 
 
-def _controllers(
-    stack: Stack, environment: Environment
-) -> Mapping[str, Sequence[tuple[Node, NodeFacts]]]:
-    """Topic -> the controllers with readable code that publish commands only to it."""
+def _controllers(stack: Stack, environment: Environment) -> _Controllers:
     controllers: defaultdict[str, list[tuple[Node, NodeFacts]]] = defaultdict(list)
     for node in stack.section("control"):
         code = code_of(node, environment)
@@ -309,10 +310,42 @@ def _may_be_command(publisher: Component, code: NodeFacts) -> bool:
     return msg_type is None or msg_type.startswith("obelisk_control_msgs/")
 
 
+def _check_gains(
+    robot: Node, control: Component, controllers: _Controllers, environment: Environment
+) -> Iterator[Diagnostic]:
+    """Check that each joint has one actuator, if the code of a controller mentions gains.
+
+    A `PDFeedForward` without gains can be applied to any actuators.
+    """
+    written, topic = control.msg_type, control.topic
+    if written is None or topic is None or resolve_msg_type(written.value) != _WITH_GAINS:
+        return
+    senders = controllers.get(absolute_topic(topic.value, robot), ())
+    if all(code.words.isdisjoint(("kp", "kd")) for _, code in senders):
+        return
+    for model in (sim.model.found for sim in robot.used_sims if sim.model is not None):
+        read = environment.read_model(model) if model is not None else None
+        if model is None or not isinstance(read, ModelRead):
+            continue
+        for joint, count in Counter(one.joint for one in read.facts.actuators).items():
+            if joint and count > 1:
+                place = environment.model_element(model, "joint", joint)
+                yield found(
+                    "OBK315",
+                    f"two actuators drive the joint `{joint}`, so the simulator rejects commands "
+                    "with gains",
+                    written.span,
+                    severity="warning",
+                    help="remove one of the actuators from the model, or send `u_mujoco` without "
+                    "`kp` and `kd`",
+                    related=(Related(message="in the model", span=place),) if place else (),
+                )
+
+
 def _check_lengths(
     robot: Node,
     control: Component,
-    controllers: Mapping[str, Sequence[tuple[Node, NodeFacts]]],
+    controllers: _Controllers,
     environment: Environment,
 ) -> Iterator[tuple[tuple[str, Span], Diagnostic]]:
     """The findings, each with the controller and the location in its code."""

@@ -121,8 +121,11 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a command that the simulator cannot apply",
         cause="The simulator writes the message's `u_mujoco` to the actuators, but this message "
-        "type has no such field.",
-        fix="Subscribe the robot to `PositionSetpoint` or `PDFeedForward`.",
+        "type has no such field. The finding is a warning if the code of the controller sets the "
+        "gains `kp` or `kd` of a `PDFeedForward`: the simulator turns them into torques, for which "
+        "each joint must have one actuator.",
+        fix="Subscribe the robot to `PositionSetpoint` or `PDFeedForward`. To use gains, remove "
+        "all but one of the joint's actuators.",
     ),
     Rule(
         code="OBK316",

@@ -29,6 +29,7 @@ setup(
             "third_controller = demo_py.generations:controller",
             "tuned = demo_py.tuned:main",
             "assigned = demo_py.assigned:main",
+            "gains = demo_py.gains:main",
             "unfinished = demo_py.unfinished:main",
             "untyped = demo_py.untyped:main",
             "without_base = demo_py.without_base:main",
