@@ -288,7 +288,7 @@ def test_standard_input(
         ("validate f --format xml", "`--format xml`: expected one of `text`, `json`, `sarif`, "
          "`github`"),
         ("validate f --ignore OBK9", "`--ignore OBK9`: unknown rule\n"
-            "  help: did you mean `OBK609`, `OBK409` or `OBK319`?"),
+            "  help: did you mean `OBK609`, `OBK429` or `OBK409`?"),
         ("validate f --color green", "`--color green`: expected `auto`, `always` or `never`"),
         ("compile f --to bmp", "`--to bmp`: expected one of `plan`, `params`, `launch`, "
          "`mermaid`, `dot`, `svg`, `json`"),
