@@ -1,4 +1,4 @@
-"""OBK108, OBK3xx: `sim` blocks and policies against their models, control messages, actuators."""
+"""OBK108, OBK3xx, OBK415: `sim` blocks and policies, their models, control messages, actuators."""
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -120,7 +120,7 @@ def _check_parameters(node: Node) -> Iterator[Diagnostic]:
     for parameter in node.params:
         fault = parameter_fault(parameter.name, parameter.value)
         if fault is not None:
-            yield found("OBK103", fault, parameter.span)
+            yield found("OBK415", fault, parameter.span)
 
 
 def check_models(context: CheckContext) -> Iterator[Diagnostic]:

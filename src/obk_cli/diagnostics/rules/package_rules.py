@@ -132,7 +132,8 @@ RULES: tuple[Rule, ...] = (
         title="a parameter value that its declaration does not allow",
         cause="The node's class declares limits or an enum for this `Parameter`, or its default "
         "is a tuple, which sets the number of items. The node fails to start if the config sets a "
-        "value that the declaration does not allow.",
+        "value that the declaration does not allow. The same applies to the simulator's "
+        "`realtime_factor` and `clock_rate`.",
         fix="Write an allowed value, or change the declaration in the code.",
     ),
     Rule(
