@@ -458,7 +458,6 @@ class Supervisor:
                 self._alive(node)
                 self._state_seen(event)
             case Failed(node=node) if node != lead:
-                self._settled(node)
                 self._failed(event)
             case RatesReported() | RejectionReported() | ActivationReported() | VideoReported():
                 self._reported(event)

@@ -24,6 +24,7 @@ from obk_cli.launch.events import (
     StatusRequested,
     StopRequested,
     TransitionEnded,
+    TransitionStarted,
     WaitingFor,
 )
 from obk_cli.plan.plan import Plan
@@ -237,6 +238,23 @@ def test_a_reply_that_is_older_than_the_request_does_not_end_its_time_limit() ->
         world.mute.clear,
         world.silent.clear,
         answered(CONTROLLER, "deactivate"),
+        3.0,
+        STOP,
+    ]
+    world.later.extend(silence)
+    assert world.run(duration_s=None).exit_code == 0
+    assert not world.of(Hung)
+
+
+def test_error_processing_belongs_to_a_transition_that_was_not_requested_here() -> None:
+    world = World()
+    silence = [
+        lambda: world.mute.add(CONTROLLER),
+        TransitionStarted(node=CONTROLLER, transition="deactivate"),
+        Failed(node=CONTROLLER, fault="on_deactivate: ValueError", transition="deactivate"),
+        8.0,
+        world.mute.clear,
+        StateSeen(node=CONTROLLER, state="unconfigured", transition=""),
         3.0,
         STOP,
     ]
