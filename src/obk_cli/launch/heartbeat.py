@@ -97,9 +97,16 @@ class Heartbeat:
             beat.queried = beat.queried or now
         return tuple(self._beats)
 
-    def late(self, now: float) -> tuple[tuple[str, float], ...]:
-        """The nodes that hang -> how long each has been silent [s]."""
-        held_up_s = 0.0 if self._checked is None else max(0.0, now - self._checked - 2 * PERIOD_S)
+    def late(self, now: float, *, is_stack_busy: bool) -> tuple[tuple[str, float], ...]:
+        """The nodes that hang -> how long each has been silent [s].
+
+        Args:
+            now: monotonic time [s].
+            is_stack_busy: whether nodes make transitions, which slow down the replies of the others
+                on a machine with few cores; this time counts half.
+        """
+        passed_s = 0.0 if self._checked is None else now - self._checked
+        held_up_s = max(0.0, passed_s - 2 * PERIOD_S, passed_s / 2 if is_stack_busy else 0.0)
         self._checked = now
         for beat in self._beats.values():
             if beat.queried is not None:

@@ -384,7 +384,8 @@ class Supervisor:
     def _check_nodes(self, now: float) -> Hung | None:
         """Query the watched nodes for heartbeats; return the first one that hangs."""
         heartbeat = self._context.heartbeat
-        hung = [self._hangs(node, seconds) for node, seconds in heartbeat.late(now)]
+        late = heartbeat.late(now, is_stack_busy=bool(self._state.moving))
+        hung = [self._hangs(node, seconds) for node, seconds in late]
         for node in heartbeat.due(now):
             self._context.lifecycle.ask_state(node)
         self._publish_rates(self._rates.silence(now))

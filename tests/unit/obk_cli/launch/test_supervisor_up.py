@@ -195,6 +195,14 @@ def test_a_robot_that_hangs_while_other_nodes_are_activated_is_detected_at_once(
     assert "activate" not in world.transitions_of(CONTROLLER)
 
 
+def test_a_slow_reply_while_other_nodes_are_activated_is_no_hang() -> None:
+    world = World(silent={(ESTIMATOR, "activate")})
+    thaw = partial(world.mute.discard, ROBOT)
+    world.later.extend([lambda: world.mute.add(ROBOT), 2.0, thaw, answered(ESTIMATOR, "activate")])
+    assert world.run().exit_code == 0
+    assert not world.of(Hung)
+
+
 def test_a_node_may_be_silent_for_the_time_limit_of_its_activation() -> None:
     world = World(silent={(ESTIMATOR, "activate")})
     silence = [
