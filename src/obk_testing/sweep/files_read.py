@@ -33,7 +33,9 @@ class FilesRead:
 
     def take(self) -> tuple[str, ...]:
         """Return the absolute paths of the files that no earlier call has returned."""
-        new = [path for path in self._read if path not in self._written | self._taken]
+        known = self._written | self._taken
+        # A copy, because other threads may open files.
+        new = [path for path in tuple(self._read) if path not in known]
         self._taken.update(new)
         return tuple(new)
 
