@@ -15,7 +15,7 @@ import tempfile
 import threading
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -76,7 +76,7 @@ class CompiledStack:
     """Full names of robots for which the config does not specify whether they are hardware."""
     left_out: tuple[PlannedNode, ...] = ()
     """Nodes of the config that are not in the plan; stubs may publish their topics."""
-    places: Mapping[str, str] = field(default_factory=dict)
+    places: Mapping[str, str]
     """Full name of a node -> its path in the config, `control[0]`."""
     warnings: tuple[Diagnostic, ...] = ()
     """Warnings about the overrides."""
