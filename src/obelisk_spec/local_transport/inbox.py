@@ -227,6 +227,7 @@ class PublisherInbox:
                 put(packets)
             return
         if number <= connection.taken:  # given up: it would overtake newer messages
+            connection.skipped.discard(number)
             return
         if connection.taken == 0:
             _confirm(connection)
