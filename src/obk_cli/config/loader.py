@@ -461,8 +461,8 @@ class _Includes:
         self.faults += loaded.diagnostics
         if loaded.unreadable is not None:
             message = f"included file `{written}` cannot be read: {loaded.unreadable}"
-            help = self._meant(path, chain) or f"looked for `{path}`"
-            self.faults.append(found("OBK008", message, span, help=help))
+            hint = self._meant(path, chain) or f"looked for `{path}`"
+            self.faults.append(found("OBK008", message, span, help=hint))
         tree = loaded.tree
         if tree is None or (isinstance(tree, TreeScalar) and tree.value is None):
             return None
